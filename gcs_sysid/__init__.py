@@ -1,0 +1,1 @@
+"""gcs_sysid: learns an aircraft's aerodynamics from its telemetry."""

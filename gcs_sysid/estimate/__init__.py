@@ -1,0 +1,1 @@
+"""Which aerodynamics explain a flight."""

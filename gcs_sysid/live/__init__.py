@@ -1,0 +1,1 @@
+"""Runs beside the flight: constant cost, bounded memory."""

@@ -1,0 +1,1 @@
+"""The flight model: one differentiable description of the whole measurement chain."""

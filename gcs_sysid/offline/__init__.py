@@ -1,0 +1,1 @@
+"""Runs over recorded flights: they tie sources, estimators and documents together."""

@@ -1,0 +1,1 @@
+"""Which states, wind and sensor errors explain a flight."""

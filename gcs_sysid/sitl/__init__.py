@@ -1,0 +1,1 @@
+"""A JSBSim aircraft to learn from: its truth is known."""

@@ -1,0 +1,1 @@
+"""Where telemetry comes from: logs and links, each turned into a Recording."""
