@@ -2,16 +2,66 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
 import pytest
+from hypothesis import settings
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared"
+# Compilation takes longer than any deadline, and a failure must be repeatable.
+settings.register_profile("gcs-sysid", deadline=None, derandomize=True)
+settings.load_profile("gcs-sysid")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--require-shared",
+        action="store_true",
+        help="fail if a test of ../shared was skipped although the folder is there",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    skips = SharedSkips(required=config.getoption("--require-shared") and SHARED.is_dir())
+    config.pluginmanager.register(skips)
+
+
+class SharedSkips:
+    """Keeps count of tests of ../shared that were skipped although the folder is there."""
+
+    def __init__(self, *, required: bool) -> None:
+        self.required = required
+        self.skipped: list[str] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        expected = hasattr(report, "wasxfail")
+        if self.required and report.skipped and not expected and "shared" in report.keywords:
+            self.skipped.append(report.nodeid)
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if self.skipped and session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        for nodeid in self.skipped:
+            terminalreporter.write_line(f"SKIPPED beside ../shared: {nodeid}", red=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compilation_cache() -> Iterator[Path]:
+    """An empty compilation cache for this run and the commands it starts, gone afterwards."""
+    with tempfile.TemporaryDirectory(prefix="gcs-sysid-jax-") as folder:
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+        yield Path(folder)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,58 @@
+# Everything runs in a private environment, .venv, made from requirements.lock by the first target
+# that needs it. Only Python 3.11 or newer with venv and pip, and make, are asked of the machine.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+PROGRESS := awk '/^Collecting/ && ++n % 20 == 0 { print "  " n " packages"; fflush() } \
+	/^Installing collected/ { print "  installing"; fflush() }'
+
+.PHONY: setup demo test lint format bench docs lock clean
+
+setup: $(VENV)/.installed
+
+# The stamp is made on the left of the pipe, since sh reports only the right side's status.
+$(VENV)/.locked: requirements.lock
+	@rm -f $@
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "Installing the locked packages into $(VENV) (a few minutes the first time)"
+	@( $(PIP) install --require-hashes --progress-bar off -r requirements.lock && touch $@ ) | $(PROGRESS)
+	@test -e $@
+
+$(VENV)/.installed: $(VENV)/.locked pyproject.toml
+	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+	@echo "Ready: $(BIN)/gcs-sysid --help"
+
+test: setup
+	@$(BIN)/python -m pytest --require-shared
+
+lint: setup
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/ty check
+	@$(BIN)/lint-imports
+
+format: setup
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+docs: setup
+	@$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+bench: setup
+	@for file in tests/benchmarks/bench_*.py; do \
+		echo "== $$file"; $(BIN)/python $$file || exit 1; \
+	done
+
+# Universal: one file for every platform and Python version, with a hash for each archive.
+lock:
+	uv pip compile pyproject.toml --universal --all-extras --group dev --group test --group docs \
+		--generate-hashes --no-emit-index-url --no-emit-find-links --no-header --quiet \
+		--output-file requirements.lock
+
+clean:
+	rm -rf $(VENV) build dist docs/_build .pytest_cache .ruff_cache .hypothesis
