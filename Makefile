@@ -3,8 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check
-PROGRESS := awk '/^Collecting/ && ++n % 20 == 0 { print "  " n " packages"; fflush() } \
+PIP := PYTHONUNBUFFERED=1 $(BIN)/python -m pip --disable-pip-version-check
+PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflush() } \
 	/^Installing collected/ { print "  installing"; fflush() }'
 
 .PHONY: setup demo test lint format bench docs lock clean
