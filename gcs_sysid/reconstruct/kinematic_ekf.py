@@ -1,0 +1,149 @@
+"""The kinematic filter, sample by sample: filterpy's extended Kalman filter over the JAX kinematics.
+
+The live form. `smoother` runs the same equations over whole flights inside `jax.lax.scan`; a test
+holds both together. filterpy adds K·y to its state, so the attitude enters as an error that is
+folded back into the quaternion after every update.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+from jaxtyping import Array, Float
+
+from gcs_sysid.model.kinematics import (
+    BLOCKS,
+    MEASURED,
+    SIZE,
+    Imu,
+    Levers,
+    Measurements,
+    Noise,
+    State,
+    compose,
+    linearised,
+    process_covariance,
+    transition,
+)
+
+ROWS = 9
+NIS_LIMIT = 25.0
+"""Squared normalised innovation beyond which a group counts as an outlier (5 sigma in one row)."""
+
+
+def observation(
+    state: State,
+    covariance: Float[Array, "state state"],
+    imu: Imu,
+    measured: Measurements,
+    levers: Levers,
+    noise: Noise,
+) -> tuple[
+    Float[Array, " row"], Float[Array, "row state"], Float[Array, " row"], Float[Array, " group"]
+]:
+    """Innovation, Jacobian, noise variance per row, and normalised innovation squared per group.
+
+    Rows of absent groups are zero with unit noise, so that they change nothing. The noise of a group
+    whose innovation is beyond `NIS_LIMIT` is raised until it is not: a gross outlier pulls no more
+    than a five-sigma one (Huber's idea, in the form for a filter of Karlgaard & Schaub, 2007).
+    """
+    residual, jacobian = linearised(state, imu, measured, levers)
+    widths = np.array([rows.stop - rows.start for rows in MEASURED.values()])
+    present = jnp.repeat(measured.valid, widths, total_repeat_length=ROWS)
+    residual = jnp.where(present, residual, 0.0)
+    jacobian = jnp.where(present[:, None], jacobian, 0.0)
+    variance = jnp.where(present, noise.measured**2, 1.0)
+    spread = jacobian @ covariance @ jacobian.T + jnp.diag(variance)
+    nis = jnp.stack(
+        [
+            residual[rows] @ jnp.linalg.solve(spread[rows, rows], residual[rows])
+            for rows in MEASURED.values()
+        ]
+    )
+    excess = jnp.repeat(jnp.maximum(1.0, nis / NIS_LIMIT), widths, total_repeat_length=ROWS)
+    inflated = jnp.where(
+        excess > 1.0, variance + (excess - 1.0) * jnp.diagonal(spread), variance
+    )
+    return residual, jacobian, inflated, nis
+
+
+@functools.cache
+def _compiled() -> tuple[Any, Any, Any]:
+    """The model's functions, compiled once for a process."""
+    return jax.jit(transition), jax.jit(observation), jax.jit(process_covariance)
+
+
+class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type information
+    """Live kinematic reconstruction: `predict_x` is the kinematic model.
+
+    Args:
+        state: first estimate.
+        covariance: its error covariance.
+        levers: sensor positions.
+        noise: intensities.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        covariance: Float[np.ndarray, "state state"],
+        levers: Levers,
+        noise: Noise,
+    ) -> None:
+        super().__init__(dim_x=SIZE, dim_z=ROWS)
+        self.attitude = np.asarray(state.attitude)
+        self.x = np.asarray(state.rest)
+        self.P = np.asarray(covariance)
+        self.levers = levers
+        self.noise = noise
+        self.nis = np.zeros(len(MEASURED))
+
+    @property
+    def state(self) -> State:
+        """Current estimate."""
+        return State(jnp.asarray(self.attitude), jnp.asarray(self.x))
+
+    def predict_x(self, u: tuple[Imu, Imu, float] | int = 0) -> None:
+        """Moves the state over one step; `u` is the inertial sample before, after, and the step."""
+        if not isinstance(u, tuple):
+            raise TypeError("`u` must be (Imu before, Imu after, step)")
+        before, after, step = u
+        move, _, spread = _compiled()
+        length = jnp.asarray(step, dtype=jnp.float64)
+        ahead, jacobian = move(self.state, before, after, length, self.noise)
+        self.attitude = np.asarray(ahead.attitude)
+        self.x = np.asarray(ahead.rest)
+        self.F = np.asarray(jacobian)
+        self.Q = np.diag(np.asarray(spread(length, self.noise)))
+
+    def observe(self, imu: Imu, measured: Measurements) -> None:
+        """Takes in what arrived since the last step and folds the attitude error back."""
+        _, look, _ = _compiled()
+        residual, jacobian, variance, nis = (
+            np.asarray(value)
+            for value in look(
+                self.state, jnp.asarray(self.P), imu, measured, self.levers, self.noise
+            )
+        )
+        self.nis = nis
+        before = self.x
+        self.update(
+            residual,
+            HJacobian=lambda _: jacobian,
+            Hx=lambda _: np.zeros(ROWS),
+            R=np.diag(variance),
+        )
+        folded = compose(
+            State(jnp.asarray(self.attitude), jnp.asarray(before)), jnp.asarray(self.x - before)
+        )
+        self.attitude = np.asarray(folded.attitude)
+        self.x = np.asarray(folded.rest)
+
+    def deviation(self, name: str) -> Float[np.ndarray, " size"]:
+        """One standard deviation of a block of the state."""
+        return np.sqrt(np.diagonal(self.P)[BLOCKS[name]])
