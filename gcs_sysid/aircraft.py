@@ -1,8 +1,9 @@
 """What an engineer believes about an aircraft: plain data, in SI units and radians.
 
-`aircraft_file` reads and writes it as TOML; nothing here touches a file. Positions are in body axes
-(x forward, y right, z down) from one airframe point, the one about which the aerodynamic moments are
-given; `Mass.cg` is measured from it too. Angles that the file holds in degrees are radians here.
+`aircraft_file` reads and writes it as TOML; nothing here touches a file. Positions are in body
+axes (x forward, y right, z down) from one airframe point, the one about which the aerodynamic
+moments are given; `Mass.cg` is measured from it too. Angles that the file holds in degrees are
+radians here.
 """
 
 from __future__ import annotations
@@ -106,6 +107,7 @@ class Vanes:
     upwash: float = 0.0
     alpha: SensorError = SensorError()
     beta: SensorError = SensorError()
+    upwash_sigma: float | None = None
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class StreamTiming:
 class Servo:
     """One output channel and the surface behind it.
 
-    `pwm` [µs] maps to `deflection` [rad], linear between, held beyond; then
+    `pwm` [µs, increasing] maps to `deflection` [rad], linear between, held beyond; then
     `effectiveness`·deflection + `offset` after `delay`, first-order lag `time_constant`,
     `rate_limit` [rad/s] and `backlash` (full width) [rad].
     """
@@ -149,9 +151,10 @@ class Control:
 class Propulsion:
     """One thruster: thrust [N] over throttle (0 to 1) and airspeed [m/s] at sea level.
 
-    Scaled by the density ratio; first-order lag `time_constant`. `torque` [N·m] has the shape of
-    `thrust` (reaction on the airframe about `axis`), or is None. When `rpm` is given the rows are
-    rotation speeds [rpm] instead of throttle settings and the measured speed is used.
+    `pwm` [µs] holds the pulses of throttle 0 and 1, linear between, held beyond. Thrust is scaled by
+    the density ratio; first-order lag `time_constant`. `torque` [N·m] has the shape of `thrust`
+    (reaction on the airframe about `axis`), or is None. When `rpm` is given the rows are rotation
+    speeds [rpm], `throttle` is empty, and the speed measured by motor `rpm_channel` is used.
     """
 
     throttle_channel: int
@@ -165,6 +168,7 @@ class Propulsion:
     thrust_sigma: float = 0.1
     torque: tuple[tuple[float, ...], ...] | None = None
     rpm: tuple[float, ...] | None = None
+    rpm_channel: int | None = None
 
 
 @dataclass(frozen=True)
@@ -191,12 +195,14 @@ class Value:
 class TableTerm:
     """An aerodynamic table over one or two regressors: bilinear inside, held at its edges.
 
-    `values` has shape (len(breakpoints[0]), len(breakpoints[1])), or (len(breakpoints[0]),).
+    `values` has one row per entry of `breakpoints[0]`, one column per entry of `breakpoints[1]`;
+    over one regressor it is one row. `sigma` is relative: one standard deviation of a common scale.
     """
 
+    name: str
     regressors: tuple[str, ...]
     breakpoints: tuple[tuple[float, ...], ...]
-    values: Float[np.ndarray, "..."]
+    values: tuple[float, ...] | tuple[tuple[float, ...], ...]
     sigma: float
 
 

@@ -2,6 +2,7 @@
 
     GcsSysidError
     ├── UsageError            the command line is wrong (exit status 2)
+    │   └── RegressorError        text that is no product of known regressors
     └── InputError            an input cannot be used (exit status 1)
         ├── AircraftFileError     one key of an aircraft file is wrong
         ├── SourceError           a log or a link cannot be read as telemetry
@@ -21,6 +22,22 @@ class GcsSysidError(Exception):
 
 class UsageError(GcsSysidError, ValueError):
     """Raised when a call or a command line asks for something that does not exist."""
+
+
+class RegressorError(UsageError):
+    """Raised when a text is no product of known regressors.
+
+    Args:
+        found: what stands there, and where in the text.
+        allowed: what may stand there.
+        fix: what to write instead.
+    """
+
+    def __init__(self, found: str, *, allowed: str, fix: str) -> None:
+        super().__init__(f"found {found}, allowed: {allowed}; {fix}")
+        self.found = found
+        self.allowed = allowed
+        self.fix = fix
 
 
 class InputError(GcsSysidError, ValueError):
