@@ -1,0 +1,64 @@
+"""`identify`: from recorded flights to coefficients, a model and a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from gcs_sysid.cli import findings, numerics, options, output
+
+WRITES = ("model", "summary.json", "samples.parquet", "report.html")
+
+
+@click.command("identify")
+@options.logs
+@options.aircraft()
+@click.option(
+    "--prior",
+    type=click.Choice(["file", "none"]),
+    default="file",
+    show_default=True,
+    help="Start from the aircraft file's aerodynamics, or ignore them.",
+)
+@click.option(
+    "--stepwise", is_flag=True, help="Choose the model's terms from the data, step by step."
+)
+@options.segments
+@options.vehicle
+@options.out("identify")
+@options.seed
+@options.as_json
+def command(
+    logs: tuple[Path, ...],
+    aircraft: Path,
+    prior: str,
+    stepwise: bool,
+    segments: Path | None,
+    vehicle: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Compute an aerodynamic model from LOGS.
+
+    Reconstructs the flight, computes the coefficients at every sample, and fits a model to all
+    maneuvers but those held out to score it.
+    """
+    from gcs_sysid.offline import identify
+
+    numerics.enable()
+    with (
+        output.folder(out, logs[0], "identify", WRITES) as destination,
+        output.progress(f"identify {logs[0].name}") as progress,
+    ):
+        summary = identify.run(
+            logs,
+            aircraft,
+            prior=prior,
+            segments=segments,
+            vehicle=vehicle,
+            stepwise=stepwise,
+            out=destination,
+            progress=progress,
+        )
+    output.show(summary, findings.text(summary, destination), as_json=as_json)

@@ -1,0 +1,44 @@
+"""`predict`: coefficients of a flight that a model has not seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from gcs_sysid.cli import findings, numerics, options, output
+
+WRITES = ("predictions.parquet", "summary.json")
+
+
+@click.command("predict")
+@options.log
+@options.model
+@options.segments
+@options.vehicle
+@options.out("predict")
+@options.seed
+@options.as_json
+def command(
+    log: Path,
+    model: Path,
+    segments: Path | None,
+    vehicle: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Predict the coefficients of an unseen LOG.
+
+    The prediction is compared with what the flight measured.
+    """
+    from gcs_sysid.offline import predict
+
+    numerics.enable()
+    with (
+        output.folder(out, log, "predict", WRITES) as destination,
+        output.progress(f"predict {log.name}") as progress,
+    ):
+        summary = predict.run(
+            log, model, vehicle=vehicle, segments=segments, out=destination, progress=progress
+        )
+    output.show(summary, findings.text(summary, destination), as_json=as_json)

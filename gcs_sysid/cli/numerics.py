@@ -1,0 +1,47 @@
+"""How this program's processes compute: in float64, with compiled code kept from run to run."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from pathlib import Path
+
+CACHE = "GCS_SYSID_CACHE_DIR"
+"""Environment variable: where compiled code is kept instead of the platform's cache folder."""
+
+_LOG = logging.getLogger(__name__)
+_WORTH_KEEPING = 0.1  # s of compilation; reading an entry back takes some milliseconds
+
+
+def cache_folder() -> Path:
+    """Where this user's compiled code is kept: `$GCS_SYSID_CACHE_DIR`, or the platform's place."""
+    if chosen := os.environ.get(CACHE):
+        return Path(chosen)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "gcs-sysid"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "gcs-sysid" / "cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gcs-sysid"
+
+
+def enable() -> None:
+    """Switches JAX to float64 and to the cache; JAX's own variable for the cache goes first."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        _keep_compiled_code(cache_folder() / "jax")
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING)
+
+
+def _keep_compiled_code(folder: Path) -> None:
+    import jax
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        # Results are the same without it; only the start takes longer.
+        _LOG.info("compiled code is not kept: %s", error)
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -1,0 +1,77 @@
+"""Compiled code is kept in the place the platform has for it, and used again."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs_sysid.cli import numerics
+
+COMPILE = """
+from gcs_sysid.cli import numerics
+numerics.enable()
+import jax, jax.numpy as jnp
+def step(carry, x):
+    return jnp.linalg.solve(carry @ carry.T + 9 * jnp.eye(6), carry) + x, jnp.tanh(carry)
+run = jax.jit(jax.jacfwd(lambda a: jax.lax.scan(step, a, jnp.ones((9, 6, 6)))[0].sum()))
+assert run(jnp.eye(6)).dtype == jnp.float64
+"""
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path):
+    for name in (numerics.CACHE, "XDG_CACHE_HOME", "LOCALAPPDATA", "JAX_COMPILATION_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    return monkeypatch
+
+
+@pytest.mark.parametrize(
+    ("platform", "place"),
+    [
+        ("linux", ".cache/gcs-sysid"),
+        ("darwin", "Library/Caches/gcs-sysid"),
+        ("win32", "gcs-sysid/cache"),
+    ],
+)
+def test_each_platform_has_its_place(platform, place, bare, tmp_path):
+    bare.setattr(sys, "platform", platform)
+    assert numerics.cache_folder() == tmp_path / place
+
+
+def test_the_environment_chooses_first(bare, tmp_path):
+    bare.setattr(sys, "platform", "linux")
+    bare.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert numerics.cache_folder() == tmp_path / "xdg" / "gcs-sysid"
+    bare.setenv(numerics.CACHE, str(tmp_path / "mine"))
+    assert numerics.cache_folder() == tmp_path / "mine"
+
+
+def test_compiled_code_is_kept_and_float64_is_on(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    environment[numerics.CACHE] = str(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILE],
+        env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert list((tmp_path / "jax").iterdir())
+
+
+def test_an_unwritable_cache_does_not_stop_the_work(tmp_path):
+    """A home without write access is common on ground stations; work must go on without a cache."""
+    blocked = tmp_path / "file"
+    blocked.touch()
+    environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    environment[numerics.CACHE] = str(blocked)
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILE],
+        env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
