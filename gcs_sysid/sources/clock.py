@@ -1,9 +1,10 @@
 """Brings all messages of one vehicle onto one clock.
 
-The vehicle's boot clock is the truth about when a sample was taken; the ground station's arrival times
-are late, jittered and, on a busy computer or in a simulation, uneven. Boot times are unwrapped,
-separated at reboots and shifted to wall time by SYSTEM_TIME, or, without it, by the earliest arrivals.
-Messages without a stamp get the time of the stamped messages that they travelled with.
+The vehicle's boot clock is the truth about when a sample was taken; the ground station's arrival
+times are late, jittered and, on a busy computer or in a simulation, uneven. Boot times are
+unwrapped, separated at reboots and shifted to wall time by SYSTEM_TIME, or, without it, by the
+earliest arrivals. Messages without a stamp get the time of the stamped messages that they travelled
+with.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ FRESH = (
 instance, may repeat a fix that is a second old."""
 
 WRAP_US: Mapping[str, int] = {"time_boot_ms": 2**32 * 1000, "time_usec": 2**32}
-"""After how long a stamp starts again: 32 bits of milliseconds, and of microseconds where the field or
-the autopilot's timer has no more (SERVO_OUTPUT_RAW; ArduPilot before 64-bit timers)."""
+"""After how long a stamp starts again: 32 bits of milliseconds, and of microseconds where the field
+or the autopilot's timer has no more (SERVO_OUTPUT_RAW; ArduPilot before 64-bit timers)."""
 
 UNIX_US = 10**15
-"""A `time_usec` above this counts from 1970, below from boot (the definition: "the receiving end can
-infer timestamp format by checking for the magnitude of the number")."""
+"""A `time_usec` above this counts from 1970, below from boot (the definition: "the receiving end
+can infer timestamp format by checking for the magnitude of the number")."""
 
 REBOOT_US = 2_000_000
 """A boot clock that falls back by more than this, and stays back, has restarted."""
@@ -179,12 +180,10 @@ def _sessions(boot_us: Microseconds) -> Microseconds:
 def _offsets(pool: _Pool, system_time: MessageTable | None) -> tuple[Microseconds, list[str]]:
     """Log clock minus boot clock of each session [µs]."""
     count = int(pool.session[-1]) + 1
-    arrival = np.array(
-        [np.min((pool.link_us - pool.boot_us)[pool.session == i]) for i in range(count)]
-    )
+    arrival = np.array([_earliest(pool, i) for i in range(count)])
     wall = np.full(count, np.nan)
     notes = []
-    for i in range(count if system_time is not None else 0):
+    for i in range(count):
         differences = _wall_minus_boot(pool, system_time, i)
         if differences.size:
             wall[i] = np.median(differences)
@@ -197,20 +196,29 @@ def _offsets(pool: _Pool, system_time: MessageTable | None) -> tuple[Microsecond
     offset = np.where(known, wall, arrival + shift)
     if not known.all():
         notes.append(
-            f"no wall time from the vehicle in {np.sum(~known)} of {count} run(s) of the autopilot: "
-            "its clock was set by the earliest arrivals"
+            f"no wall time from the vehicle in {np.sum(~known)} of {count} run(s) of the "
+            "autopilot: its clock was set by the earliest arrivals"
         )
     if count > 1:
         notes.append(f"the autopilot restarted {count - 1} time(s) in this log")
     late = pool.link_us - pool.boot_us - arrival[pool.session]
     notes.append(
-        f"arrivals are {np.median(late) / 1e3:.1f} ms (median) and {np.max(late) / 1e3:.1f} ms (most) "
-        "later than the earliest ones; the vehicle's own stamps are used"
+        f"arrivals are {np.median(late) / 1e3:.1f} ms (median) and {np.max(late) / 1e3:.1f} ms "
+        "(most) later than the earliest ones; the vehicle's own stamps are used"
     )
     return np.round(offset).astype(np.int64), notes
 
 
-def _wall_minus_boot(pool: _Pool, table: MessageTable, session: int) -> Microseconds:
+def _earliest(pool: _Pool, session: int) -> int:
+    """Arrival minus boot clock of the promptest messages: one in a thousand may be wrong."""
+    late = (pool.link_us - pool.boot_us)[pool.session == session]
+    few = late.size // 1000
+    return int(np.partition(late, few)[few])
+
+
+def _wall_minus_boot(pool: _Pool, table: MessageTable | None, session: int) -> Microseconds:
+    if table is None:
+        return np.zeros(0, dtype=np.int64)
     unix = table.fields["time_unix_usec"].astype(np.int64)
     ours = (unix > UNIX_US) & (pool.session_at(table.order) == session)
     boot = table.fields["time_boot_ms"].astype(np.int64) * 1000
@@ -251,9 +259,9 @@ def _own_time(
 def _travelled_with(name: str, table: MessageTable, pool: _Pool) -> tuple[Microseconds, list[str]]:
     """Log-clock times of messages without a stamp, from the stamped ones received around them.
 
-    Autopilots send in bursts: a message that always arrives right behind (or right before) a stamped
-    one was taken with it. Otherwise the arrival is placed linearly between its two neighbours, and a
-    stream that proves periodic is put on its period.
+    Autopilots send in bursts: a message that always arrives right behind (or right before) a
+    stamped one was taken with it. Otherwise the arrival is placed linearly between its two
+    neighbours, and a stream that proves periodic is put on its period.
     """
     fraction, before, after = _between(table, pool)
     apart = np.abs(after - before) > 2000
@@ -267,8 +275,8 @@ def _travelled_with(name: str, table: MessageTable, pool: _Pool) -> tuple[Micros
     if periodic is None:
         return np.round(time).astype(np.int64), []
     note = (
-        f"{name}: carries no stamp; {table.count} arrivals, {spread / 1e3:.1f} ms rms about an even "
-        "period, were put on that period"
+        f"{name}: carries no stamp; {table.count} arrivals, {spread / 1e3:.1f} ms rms about an "
+        "even period, were put on that period"
     )
     return np.round(periodic).astype(np.int64), [note]
 
@@ -292,7 +300,7 @@ def _between(
 def _on_period(
     time: Float[np.ndarray, " message"],
 ) -> tuple[Float[np.ndarray, " message"] | None, float]:
-    """Times moved onto an even period, if they are clearly periodic, and their rms distance to it."""
+    """Times on an even period, if they are clearly periodic, and their rms distance to it [µs]."""
     if time.size < 50:
         return None, 0.0
     steps = np.diff(time)

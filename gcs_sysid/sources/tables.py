@@ -1,4 +1,4 @@
-"""Decoded messages by vehicle and type, before units and clocks: what every format reader hands on."""
+"""Decoded messages by vehicle and type, before units and clocks: what every reader hands on."""
 
 from __future__ import annotations
 

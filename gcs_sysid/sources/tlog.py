@@ -1,61 +1,43 @@
-"""Telemetry logs (.tlog): frames as received, each behind its arrival time (8 bytes, big-endian µs)."""
+"""Telemetry logs (.tlog): frames as received, each behind its arrival time.
+
+The stamp is the ground station's clock, 8 bytes, big-endian, microseconds since 1970.
+"""
 
 from __future__ import annotations
 
-import struct
-from collections import Counter, defaultdict
-
 import numpy as np
-from pymavlink.dialects.v20 import all as dialect
+from jaxtyping import Int
 
-from gcs_sysid.sources.tables import LogTables, MessageTable, TableKey
+from gcs_sysid.sources import frames
+from gcs_sysid.sources.decode import decode
+from gcs_sysid.sources.tables import LogTables
+
+STAMP = 8
+"""Bytes of the stamp before each frame."""
+
+PLAUSIBLE_US = 30 * 86400 * 1_000_000
+"""No flight lasts a month: a stamp further than this from the others is damaged."""
 
 
 def read(data: bytes) -> LogTables:
     """All messages in `data`, the content of a .tlog."""
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    rows: dict[TableKey, list] = defaultdict(list)
-    lost: Counter[str] = Counter(bad_crc=0, unknown=0, garbage_bytes=0, truncated=0)
-    position = 0
-    order = 0
-    while position + 16 <= len(data):
-        (link_us,) = struct.unpack_from(">Q", data, position)
-        start = position + 8
-        if data[start] == 0xFD:
-            size = 12 + data[start + 1] + 13 * (data[start + 2] & 1)
-        elif data[start] == 0xFE:
-            size = 8 + data[start + 1]
-        else:
-            lost["garbage_bytes"] += 1
-            position += 1
-            continue
-        message = parser.parse_char(data[start : start + size])
-        if message is None:
-            break
-        position = start + size
-        name = message.get_type()
-        if name == "BAD_DATA":
-            lost["bad_crc"] += 1
-        elif name.startswith("UNKNOWN"):
-            lost["unknown"] += 1
-        else:
-            key = TableKey(message.get_srcSystem(), message.get_srcComponent(), name)
-            values = [getattr(message, field) for field in message.fieldnames]
-            rows[key].append((order, link_us, values))
-            order += 1
-    lost["truncated"] = int(position < len(data))
-    return LogTables({key: _table(key.name, row) for key, row in rows.items()}, dict(lost))
+    content = np.frombuffer(data, dtype=np.uint8)
+    found = frames.search(content, prefix=STAMP)
+    lost = {
+        "bad_crc": found.bad_crc,
+        "unknown": found.unknown,
+        "garbage_bytes": found.garbage_bytes,
+        "truncated": int(found.rest < content.size),
+    }
+    if not found.frames.start.size:
+        return LogTables({}, lost)
+    return LogTables(decode(content, found.frames, _stamps(content, found.frames.start)), lost)
 
 
-def _table(name: str, rows: list) -> MessageTable:
-    by_name = {message.msgname: message for message in dialect.mavlink_map.values()}
-    columns = zip(*(row[2] for row in rows), strict=True)
-    return MessageTable(
-        order=np.array([row[0] for row in rows], dtype=np.int64),
-        link_us=np.array([row[1] for row in rows], dtype=np.int64),
-        fields={
-            field: np.array([v.encode() if isinstance(v, str) else v for v in column])
-            for field, column in zip(by_name[name].fieldnames, columns, strict=True)
-        },
-    )
+def _stamps(content: frames.Bytes, start: Int[np.ndarray, " frame"]) -> Int[np.ndarray, " frame"]:
+    """Arrival times; a damaged one, which no checksum protects, takes that of the frame before."""
+    raw = frames.windows(content, STAMP)[start - STAMP].view(">u8")[:, 0]
+    stamps = np.minimum(raw, 2**62).astype(np.int64)
+    sane = np.abs(stamps - np.median(stamps)) < PLAUSIBLE_US
+    last_sane = np.maximum.accumulate(np.where(sane, np.arange(stamps.size), 0))
+    return stamps[last_sane]
