@@ -123,7 +123,7 @@ def _stamp(table: MessageTable) -> Microseconds | None:
     if "time_boot_ms" in table.fields:
         stamp = table.fields["time_boot_ms"].astype(np.int64) * 1000
     elif "time_usec" in table.fields:
-        stamp = np.minimum(table.fields["time_usec"], 2**62).astype(np.int64)
+        stamp = np.minimum(table.fields["time_usec"].astype(np.uint64), 2**62).astype(np.int64)
     else:
         return None
     constant = stamp.size > 2 and np.all(stamp == stamp[0])
