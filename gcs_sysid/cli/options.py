@@ -22,7 +22,7 @@ class Existing(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, known to exist."""
-        path = Path(super().convert(value, param, ctx))
+        path = Path(str(super().convert(value, param, ctx)))
         if not path.exists():
             raise InputError(str(path), f"no such {self.kind}", fix="check the path")
         return path

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import gcs_sysid.offline
-from gcs_sysid.cli import entry, numerics
+from gcs_sysid.cli import entry, numerics, reports
 from gcs_sysid.errors import RefusedError
 
 SUMMARY = {
@@ -37,6 +37,7 @@ def calls(monkeypatch, tmp_path):
     for name in ("inspect", "identify", "predict", "evaluate"):
         monkeypatch.setattr(gcs_sysid.offline, name, stand_in(name), raising=False)
     monkeypatch.setattr(numerics, "enable", lambda: None)
+    monkeypatch.setattr(reports, "write", lambda run, _summary, table: f"{run}: {table}")
     monkeypatch.chdir(tmp_path)
     for file in ("flight.tlog", "other.tlog", "aircraft.toml", "segments.json", "points.csv"):
         (tmp_path / file).touch()
@@ -64,7 +65,7 @@ def test_identify(calls, capsys):
         "prior": "none", "segments": Path("segments.json"), "vehicle": None, "stepwise": True,
         "out": Path("result"),
     }  # fmt: skip
-    assert capsys.readouterr().out.splitlines()[-1] == "result/summary.json"
+    assert capsys.readouterr().out == "identify: result/samples.parquet\n"
 
 
 def test_identify_as_json(calls, capsys):
@@ -74,11 +75,12 @@ def test_identify_as_json(calls, capsys):
     assert captured.err == ""
 
 
-def test_predict(calls):
+def test_predict(calls, capsys):
     assert entry.main(["predict", "flight.tlog", "--model", "model"]) == 0
     [(_, args, named)] = calls
     assert args == (Path("flight.tlog"), Path("model"))
     assert named == {"vehicle": None, "segments": None, "out": Path("flight-predict")}
+    assert capsys.readouterr().out == "predict: flight-predict/predictions.parquet\n"
 
 
 def test_evaluate(calls, capsys):

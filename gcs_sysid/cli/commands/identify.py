@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from gcs_sysid.cli import findings, numerics, options, output
+from gcs_sysid.cli import numerics, options, output, reports
 
 WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 
@@ -61,4 +61,6 @@ def command(
             out=destination,
             progress=progress,
         )
-    output.show(summary, findings.text(summary, destination), as_json=as_json)
+        progress("report", 1.0)
+        text = reports.write("identify", summary, destination / "samples.parquet")
+    output.show(summary, text, as_json=as_json)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from gcs_sysid.cli import findings, numerics, options, output
+from gcs_sysid.cli import numerics, options, output, reports
 
-WRITES = ("predictions.parquet", "summary.json")
+WRITES = ("predictions.parquet", "summary.json", "report.html")
 
 
 @click.command("predict")
@@ -41,4 +41,6 @@ def command(
         summary = predict.run(
             log, model, vehicle=vehicle, segments=segments, out=destination, progress=progress
         )
-    output.show(summary, findings.text(summary, destination), as_json=as_json)
+        progress("report", 1.0)
+        text = reports.write("predict", summary, destination / "predictions.parquet")
+    output.show(summary, text, as_json=as_json)
