@@ -7,7 +7,7 @@ PIP := PYTHONUNBUFFERED=1 $(BIN)/python -m pip --disable-pip-version-check
 PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflush() } \
 	/^Installing collected/ { print "  installing"; fflush() }'
 
-.PHONY: setup demo test lint format bench docs lock clean
+.PHONY: setup demo test lint format bench results docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -26,6 +26,10 @@ $(VENV)/.installed: $(VENV)/.locked pyproject.toml
 	@touch $@
 	@echo "Ready: $(BIN)/gcs-sysid --help"
 
+demo: setup
+	@$(BIN)/gcs-sysid identify replay/demo/flight.tlog --aircraft replay/demo/aircraft.toml \
+		--out out/demo
+
 test: setup
 	@$(BIN)/python -m pytest --require-shared
 
@@ -40,13 +44,16 @@ format: setup
 	@$(BIN)/ruff check --fix .
 
 docs: setup
+	@$(BIN)/python docs/cli_reference.py
 	@$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
 bench: setup
-	@for file in tests/benchmarks/bench_*.py; do \
-		echo "== $$file"; $(BIN)/python $$file || exit 1; \
-	done
+	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file $(BENCH) || exit 1; done
+
+results: BENCH = --save
+results: bench
+	@$(BIN)/python docs/results.py
 
 # Universal: one file for every platform and Python version, with a hash for each archive.
 lock:

@@ -1,0 +1,42 @@
+"""Tables of measured results: printed, and with `--save` kept for the README.
+
+A benchmark `bench_NAME.py` measures, and ends with
+
+    table.show("NAME", "What was measured", ("what", "wanted", "found"), rows)
+
+`make bench` prints all tables; `make results` also keeps them in docs/results/ and renews the block
+of README.md that shows them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
+
+
+def show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Prints a table; with `--save` on the command line also keeps it as docs/results/NAME.json.
+
+    Args:
+        name: file name of the kept table, without its suffix; tables appear in its order.
+        title: one sentence that says what was measured on what.
+        columns: their headings.
+        rows: one entry a column; numbers already rounded as they should be read.
+    """
+    cells = [[str(cell) for cell in row] for row in rows]
+    assert all(len(row) == len(columns) for row in cells)
+    widths = [max(map(len, column)) for column in zip(columns, *cells, strict=True)]
+    print(f"\n{title}")
+    for row in [list(columns), ["-" * width for width in widths], *cells]:
+        print(
+            "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+        )
+    if "--save" in sys.argv:
+        document = {"title": title, "columns": list(columns), "rows": cells}
+        KEPT.mkdir(exist_ok=True)
+        text = json.dumps(document, indent=2, ensure_ascii=False)
+        (KEPT / f"{name}.json").write_text(text + "\n", encoding="utf-8")
