@@ -27,7 +27,7 @@ $(VENV)/.installed: $(VENV)/.locked pyproject.toml
 	@echo "Ready: $(BIN)/gcs-sysid --help"
 
 demo: setup
-	@$(BIN)/gcs-sysid identify replay/demo/flight.tlog --aircraft replay/demo/aircraft.toml \
+	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
 		--out out/demo
 
 test: setup
