@@ -83,4 +83,6 @@ def progress(title: str) -> Generator[Progress, None, None]:
 
 def show(document: Mapping[str, Any], text: str, *, as_json: bool) -> None:
     """Prints the result: the document as JSON, or the words for a person."""
-    click.echo(json.dumps(document, indent=2, allow_nan=False) if as_json else text)
+    from gcs_sysid.offline import documents
+
+    click.echo(documents.dump_json(document) if as_json else text)

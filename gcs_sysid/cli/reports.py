@@ -22,21 +22,12 @@ def write(run: Literal["identify", "predict"], summary: Mapping[str, Any], table
     """
     import pyarrow.parquet as parquet
 
+    from gcs_sysid.offline import documents
     from gcs_sysid.report import identify, predict, ten_lines
 
     columns = parquet.read_table(table)
     samples = {name: columns[name].to_numpy() for name in columns.column_names}
     render = identify.render if run == "identify" else predict.render
     path = table.with_name(REPORT)
-    _replace(path, render(summary, samples))
+    documents.write_text(path, render(summary, samples))
     return ten_lines(summary, path)
-
-
-def _replace(path: Path, text: str) -> None:
-    """Writes the file whole or not at all: somebody may be reading the last one."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

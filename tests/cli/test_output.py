@@ -97,9 +97,9 @@ def test_progress_shows_the_stage_on_a_terminal(monkeypatch):
 
 
 def test_json_goes_to_stdout_alone(capsys):
-    output.show({"a": 1.5}, "words", as_json=True)
+    output.show({"a": 1.5, "b": float("nan")}, "words", as_json=True)
     captured = capsys.readouterr()
-    assert json.loads(captured.out) == {"a": 1.5}
+    assert json.loads(captured.out) == {"a": 1.5, "b": None}
     assert captured.err == ""
 
 
