@@ -86,7 +86,7 @@ class Noise(NamedTuple):
         accelerometer_drift: random walk of the bias [m/s²/√s].
         gyro_drift: random walk of the bias [rad/s/√s].
         wind_drift: random walk of the steady wind [m/s/√s].
-        gust: standard deviation of one gust component [m/s].
+        gust: standard deviation of the gust toward north, east, down [m/s].
         gust_time: correlation time of the gust [s].
         attitude_error: slow error of the attitude source: roll, pitch, yaw [rad].
         attitude_error_time: its correlation time [s].
@@ -98,7 +98,7 @@ class Noise(NamedTuple):
     accelerometer_drift: Float[Array, ""]
     gyro_drift: Float[Array, ""]
     wind_drift: Float[Array, ""]
-    gust: Float[Array, ""]
+    gust: Float[Array, " axis"]
     gust_time: Float[Array, ""]
     attitude_error: Float[Array, " axis"]
     attitude_error_time: Float[Array, ""]
@@ -140,9 +140,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
 
 def difference(first: State, second: State) -> Float[Array, " state"]:
     """Error state by which `first` differs from `second`; inverse of `compose`."""
-    turn = frames.logarithm(
-        frames.multiply(frames.conjugate(second.attitude), first.attitude)
-    )
+    turn = frames.logarithm(frames.multiply(frames.conjugate(second.attitude), first.attitude))
     return (first.rest - second.rest).at[:3].set(turn)
 
 
@@ -155,16 +153,12 @@ def corrected(imu: Imu, rest: Float[Array, " state"]) -> Imu:
     )
 
 
-def propagate(
-    state: State, before: Imu, after: Imu, step: Float[Array, ""], noise: Noise
-) -> State:
+def propagate(state: State, before: Imu, after: Imu, step: Float[Array, ""], noise: Noise) -> State:
     """State one step later; rate and specific force as the mean of the samples at both ends.
 
     Turning the specific force with the attitude of mid step makes the scheme second order.
     """
-    mean = Imu(
-        0.5 * (before.gyro + after.gyro), 0.5 * (before.accelerometer + after.accelerometer)
-    )
+    mean = Imu(0.5 * (before.gyro + after.gyro), 0.5 * (before.accelerometer + after.accelerometer))
     rate, force = corrected(mean, state.rest)
     middle = frames.multiply(state.attitude, frames.exponential(0.5 * step * rate))
     attitude = frames.multiply(state.attitude, frames.exponential(step * rate))
@@ -173,9 +167,7 @@ def propagate(
     velocity = part(state.rest, "velocity") + step * (frames.rotate(middle, force) + gravity)
     rest = state.rest.at[BLOCKS["velocity"]].set(velocity)
     rest = rest.at[BLOCKS["gust"]].multiply(jnp.exp(-step / noise.gust_time))
-    rest = rest.at[BLOCKS["attitude_error"]].multiply(
-        jnp.exp(-step / noise.attitude_error_time)
-    )
+    rest = rest.at[BLOCKS["attitude_error"]].multiply(jnp.exp(-step / noise.attitude_error_time))
     return State(attitude, rest)
 
 
@@ -193,7 +185,7 @@ def process_covariance(step: Float[Array, ""], noise: Noise) -> Float[Array, " s
             (noise.gyro * step) ** 2 * ones,
             (noise.accelerometer * step) ** 2 * ones,
             noise.wind_drift**2 * step * ones,
-            noise.gust**2 * kept * ones,
+            noise.gust**2 * kept,
             noise.accelerometer_drift**2 * step * ones,
             noise.gyro_drift**2 * step * ones,
             noise.attitude_error**2 * slow,
@@ -254,9 +246,7 @@ def innovation(
         at(2, "attitude_delay").attitude, frames.exponential(part(rest, "attitude_error"))
     )
     attitude = frames.logarithm(frames.multiply(frames.conjugate(expected), measured.attitude))
-    _, alpha, beta = frames.flow_angles(
-        air_velocity(at(3, "vane_delay"), rate, levers.vanes)
-    )
+    _, alpha, beta = frames.flow_angles(air_velocity(at(3, "vane_delay"), rate, levers.vanes))
     angles = jnp.stack([alpha, beta])
     vanes = measured.vanes - (1.0 + part(rest, "vane_scale")) * angles - part(rest, "vane_bias")
     return jnp.concatenate([airspeed, velocity, attitude, vanes])
@@ -274,9 +264,7 @@ def linearised(
     return of_error(zero), -jax.jacfwd(of_error)(zero)
 
 
-def flow(
-    state: State, imu: Imu, lever: Float[Array, " axis"]
-) -> Float[Array, " three"]:
+def flow(state: State, imu: Imu, lever: Float[Array, " axis"]) -> Float[Array, " three"]:
     """True airspeed [m/s], angle of attack and sideslip [rad] at a point off the inertial unit."""
     rate = corrected(imu, state.rest).gyro
     return jnp.stack(frames.flow_angles(air_velocity(state, rate, lever)))

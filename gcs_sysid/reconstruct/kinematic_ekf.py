@@ -61,14 +61,17 @@ def observation(
     spread = jacobian @ covariance @ jacobian.T + jnp.diag(variance)
     nis = jnp.stack(
         [
-            residual[rows] @ jnp.linalg.solve(spread[rows, rows], residual[rows])
+            jnp.sum(
+                jax.scipy.linalg.solve_triangular(
+                    jnp.linalg.cholesky(spread[rows, rows]), residual[rows], lower=True
+                )
+                ** 2
+            )
             for rows in MEASURED.values()
         ]
     )
     excess = jnp.repeat(jnp.maximum(1.0, nis / NIS_LIMIT), widths, total_repeat_length=ROWS)
-    inflated = jnp.where(
-        excess > 1.0, variance + (excess - 1.0) * jnp.diagonal(spread), variance
-    )
+    inflated = jnp.where(excess > 1.0, variance + (excess - 1.0) * jnp.diagonal(spread), variance)
     return residual, jacobian, inflated, nis
 
 

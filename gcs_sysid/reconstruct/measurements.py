@@ -83,10 +83,10 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     time, keep = np.unique(time, return_index=True)
     gyro = gyro[keep]
     pressure = recording.first(PRESSURE_STREAMS, "static_pressure")
-    density, height = _air(recording, pressure, time)
+    static, height = _air(recording, pressure, time)
     used: dict[str, str] = {"gyro": gyro_stream.name}
     rates: dict[str, float] = {"gyro": _rate(time)}
-    measured = _measurements(recording, aircraft, time, density, used, rates)
+    measured = _measurements(recording, aircraft, time, static, used, rates)
     attitude = _attitude_at(recording, time)
     if inertial is None:
         still = frames.unrotate(attitude, np.array([[0.0, 0.0, -GRAVITY]]))
@@ -103,7 +103,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         accelerometer=accelerometer,
         has_accelerometer=inertial is not None,
         measured=measured,
-        density=density,
+        density=atmosphere.density_from_pressure(static),
         height=height,
         used=used,
         rates=rates,
@@ -156,10 +156,10 @@ def _interpolate(
 def _air(
     recording: Recording, pressure: Stream | None, time: Float[np.ndarray, " sample"]
 ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
-    """Density [kg/m³] and height over the start [m].
+    """Static pressure [Pa] and height over the start [m].
 
-    Density is the standard atmosphere's at the measured static pressure: the temperature that an
-    autopilot reports is that of its own circuit board.
+    Density follows from the pressure by the standard atmosphere: the temperature that an autopilot
+    reports is that of its own circuit board.
     """
     everything = (-np.inf, np.inf)
     altitude_stream = recording.first(ALTITUDE_STREAMS, "altitude")
@@ -172,11 +172,10 @@ def _air(
         known, values = _series(pressure, ("static_pressure",), everything)
         static = np.interp(time, known, values[:, 0])
     else:
-        static = np.asarray(atmosphere.pressure(altitude))
+        static = atmosphere.pressure(altitude)
     if altitude_stream is None:
-        altitude = np.asarray(atmosphere.pressure_altitude(static))
-    density = np.asarray(atmosphere.density_at_pressure(static))
-    return density, altitude - altitude[0]
+        altitude = atmosphere.pressure_altitude(static)
+    return static, altitude - altitude[0]
 
 
 def _attitude_at(
@@ -193,7 +192,7 @@ def _measurements(
     recording: Recording,
     aircraft: Aircraft,
     time: Float[np.ndarray, " sample"],
-    density: Float[np.ndarray, " sample"],
+    static: Float[np.ndarray, " sample"],
     used: dict[str, str],
     rates: dict[str, float],
 ) -> Measurements:
@@ -228,7 +227,7 @@ def _measurements(
         if group == "airspeed":
             moving = data[:, 0] > SLOWEST_AIRSPEED
             known, data = known[moving], data[moving]
-            data = _true_airspeed(aircraft, data, np.interp(known, time, density))
+            data = _true_airspeed(aircraft, data, np.interp(known, time, static))
         elif group == "attitude":
             data = frames.quaternion_from_euler(data)
         rows, chosen, offset = _slots(time, known)
@@ -271,7 +270,7 @@ def _slots(
 def _true_airspeed(
     aircraft: Aircraft,
     indicated: Float[np.ndarray, "sample one"],
-    density: Float[np.ndarray, " sample"],
+    static: Float[np.ndarray, " sample"],
 ) -> Float[np.ndarray, "sample one"]:
     """True airspeed from what the file says the sensor measures, known errors taken off."""
     error = aircraft.pitot.error
@@ -279,9 +278,8 @@ def _true_airspeed(
     if aircraft.pitot.measures == "TAS":
         return clean[:, None]
     if aircraft.pitot.measures == "CAS":
-        pressure = atmosphere.pressure_at_density(density)
-        clean = np.asarray(atmosphere.cas_to_eas(clean, pressure))
-    return np.asarray(atmosphere.eas_to_tas(clean, density))[:, None]
+        clean = atmosphere.cas_to_eas(clean, static)
+    return atmosphere.eas_to_tas(clean, atmosphere.density_from_pressure(static))[:, None]
 
 
 def _vane_errors_off(

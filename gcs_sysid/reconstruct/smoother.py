@@ -98,7 +98,8 @@ def _update(
         belief.state, belief.covariance, row.after, row.measured, levers, noise
     )
     spread = jacobian @ belief.covariance @ jacobian.T + jnp.diag(variance)
-    gain = jnp.linalg.solve(spread, jacobian @ belief.covariance).T
+    factor = jax.scipy.linalg.cho_factor(spread)
+    gain = jax.scipy.linalg.cho_solve(factor, jacobian @ belief.covariance).T
     kept = jnp.eye(SIZE) - gain @ jacobian
     covariance = kept @ belief.covariance @ kept.T + (gain * variance) @ gain.T
     state = compose(belief.state, gain @ residual)
@@ -141,9 +142,7 @@ def _backward(
             jax.scipy.linalg.cho_factor(predicted.covariance), jacobian @ filtered.covariance
         ).T
         state = compose(filtered.state, gain @ difference(later.state, predicted.state))
-        covariance = (
-            filtered.covariance + gain @ (later.covariance - predicted.covariance) @ gain.T
-        )
+        covariance = filtered.covariance + gain @ (later.covariance - predicted.covariance) @ gain.T
         return _Belief(state, 0.5 * (covariance + covariance.T)), seen
 
     _, (filtered, predicted, jacobian) = jax.lax.scan(ahead, start, rows)
@@ -241,5 +240,3 @@ def _chunk(inputs: Inputs, first: int) -> Inputs:
         step=jnp.where(kept, rows.step, 0.0),
         measured=rows.measured._replace(valid=rows.measured.valid & kept[:, None]),
     )
-
-

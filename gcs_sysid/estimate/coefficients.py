@@ -1,0 +1,200 @@
+"""Measured aerodynamic coefficients: what the equations of motion leave to the air.
+
+With f the specific force at the inertial unit, ω the rate, r the unit's lever arm from the centre of
+gravity and r_cg that from the airframe point to which the moments refer (Klein & Morelli 2006,
+eqs. 5.100–5.101, extended by the lever arms and the full inertia tensor):
+
+    a_cg = f − ω̇ × r − ω × (ω × r)          X, Y, Z = m a_cg − T
+    M_cg = I ω̇ + ω × I ω − Σ (r_T − r_cg) × T + Q        M = M_cg + r_cg × (X, Y, Z)
+    CX = X / (q̄ S), …,  Cl = L / (q̄ S b),  Cm = M / (q̄ S c̄),  Cn = N / (q̄ S b)
+
+T is thrust and Q the reaction of propeller torque. Errors of two kinds are kept apart: noise, new at
+every sample, and scale errors of mass, inertia and thrust, the same for the whole flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid.reconstruct import rates
+from gcs_sysid.reconstruct.reconstruction import Reconstruction
+from gcs_sysid.reconstruct.rates import AngularMotion
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """Thrust of all engines on the samples of a flight, body axes.
+
+    Attributes:
+        force: sum of thrusts [N].
+        moment: of the thrusts about the centre of gravity, torque reaction included [N·m].
+        sigma: relative standard deviation, a scale error common to the flight.
+    """
+
+    force: Float[np.ndarray, "sample axis"]
+    moment: Float[np.ndarray, "sample axis"]
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One flight's measured coefficients with the flow and the controls they belong to.
+
+    Attributes:
+        time: s after the recording's epoch.
+        qbar: dynamic pressure [Pa].
+        regressors: every variable that a regressor may use, by name, dimensionless or rad.
+        regressor_variance: variance of `alpha` and `beta` as the reconstruction knows them.
+        measured: CX…Cn.
+        noise: one standard deviation of each, new at every sample.
+        mass_part: what a relative error of one in mass (forces) or inertia (moments) adds to it.
+        thrust_part: what a relative error of one in thrust adds.
+        smoothing: ratio of the smoother that the moments went through, see `rates`.
+        reconstruction: the flight behind it.
+        refused: coefficients that this flight cannot give, with the reason.
+    """
+
+    time: Float[np.ndarray, " sample"]
+    qbar: Float[np.ndarray, " sample"]
+    regressors: Mapping[str, Float[np.ndarray, " sample"]]
+    regressor_variance: Mapping[str, Float[np.ndarray, " sample"]]
+    measured: Mapping[str, Float[np.ndarray, " sample"]]
+    noise: Mapping[str, Float[np.ndarray, " sample"]]
+    mass_part: Mapping[str, Float[np.ndarray, " sample"]]
+    thrust_part: Mapping[str, Float[np.ndarray, " sample"]]
+    smoothing: float
+    reconstruction: Reconstruction
+    refused: Mapping[str, str]
+
+
+def measure(
+    reconstruction: Reconstruction,
+    aircraft: Aircraft,
+    *,
+    controls: Mapping[str, Float[np.ndarray, " sample"]],
+    thrust: Thrust,
+    refused: Mapping[str, str],
+) -> Samples:
+    """Coefficients at every sample of a reconstructed flight.
+
+    Args:
+        reconstruction: the flight.
+        aircraft: mass properties and reference geometry.
+        controls: deflections as the air feels them [rad], delays already taken off.
+        thrust: of the aircraft file, on the same samples.
+        refused: coefficients not to be computed, with the reason.
+    """
+    motion = rates.angular_motion(reconstruction.time, reconstruction.rate)
+    speed = reconstruction.airspeed
+    qbar = 0.5 * reconstruction.data.density * speed**2
+    loads = _loads(reconstruction, aircraft, motion, thrust)
+    scale = _reference(aircraft, qbar)
+    total = loads.aerodynamic / scale
+    noise = np.concatenate(
+        [
+            np.full(motion.rate.shape, aircraft.mass.mass * reconstruction.noise.accelerometer),
+            np.abs(np.diagonal(aircraft.mass.inertia)) * motion.acceleration_deviation,
+        ],
+        axis=1,
+    ) / np.abs(scale)
+    relative = 2.0 * np.sqrt(reconstruction.flow_covariance[:, 0, 0]) / speed
+    noise = np.hypot(noise, np.abs(total) * relative[:, None])
+    kept = [name for name in COEFFICIENTS if name not in refused]
+    column = {name: index for index, name in enumerate(COEFFICIENTS)}
+    mass_part, thrust_part = loads.inertial / scale, -loads.thrust / scale
+    return Samples(
+        time=reconstruction.time,
+        qbar=qbar,
+        regressors=regressor_values(reconstruction, aircraft, motion, controls, thrust, qbar),
+        regressor_variance={
+            "alpha": reconstruction.flow_covariance[:, 1, 1],
+            "beta": reconstruction.flow_covariance[:, 2, 2],
+        },
+        measured={name: total[:, column[name]] for name in kept},
+        noise={name: noise[:, column[name]] for name in kept},
+        mass_part={name: mass_part[:, column[name]] for name in kept},
+        thrust_part={name: thrust_part[:, column[name]] for name in kept},
+        smoothing=motion.ratio,
+        reconstruction=reconstruction,
+        refused=dict(refused),
+    )
+
+
+def _reference(
+    aircraft: Aircraft, qbar: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, "sample six"]:
+    """q̄S for the forces, q̄S times span, chord, span for the moments."""
+    shape = aircraft.geometry
+    lengths = np.array([1.0, 1.0, 1.0, shape.wing_span, shape.mean_chord, shape.wing_span])
+    return qbar[:, None] * shape.wing_area * lengths
+
+
+@dataclass(frozen=True)
+class _Loads:
+    """Forces [N] and moments about the airframe point [N·m], columns X Y Z L M N.
+
+    `aerodynamic` is the whole less the thrust's; `inertial` is the part proportional to mass (forces)
+    or to inertia (moments).
+    """
+
+    aerodynamic: Float[np.ndarray, "sample six"]
+    inertial: Float[np.ndarray, "sample six"]
+    thrust: Float[np.ndarray, "sample six"]
+
+
+def _loads(
+    reconstruction: Reconstruction, aircraft: Aircraft, motion: AngularMotion, thrust: Thrust
+) -> _Loads:
+    rate, acceleration = motion.rate, motion.acceleration
+    lever = np.broadcast_to(reconstruction.lever, rate.shape)
+    specific = reconstruction.force - (
+        frames.cross(acceleration, lever) + frames.cross(rate, frames.cross(rate, lever))
+    )
+    push = aircraft.mass.mass * specific
+    inertia = aircraft.mass.inertia
+    turn = acceleration @ inertia.T + frames.cross(rate, rate @ inertia.T)
+    force = push - thrust.force
+    offset = np.broadcast_to(np.array(aircraft.mass.cg), force.shape)
+    moment = turn - thrust.moment + frames.cross(offset, force)
+    about_point = thrust.moment + frames.cross(offset, thrust.force)
+    return _Loads(
+        aerodynamic=np.concatenate([force, moment], axis=1),
+        inertial=np.concatenate([push, turn], axis=1),
+        thrust=np.concatenate([thrust.force, about_point], axis=1),
+    )
+
+
+def regressor_values(
+    reconstruction: Reconstruction,
+    aircraft: Aircraft,
+    motion: AngularMotion,
+    controls: Mapping[str, Float[np.ndarray, " sample"]],
+    thrust: Thrust,
+    qbar: Float[np.ndarray, " sample"],
+) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Every variable that a regressor may use (rates made dimensionless; α̇ by the smoother)."""
+    speed = reconstruction.airspeed
+    shape = aircraft.geometry
+    alpha_rate = rates.smooth(
+        reconstruction.time, reconstruction.alpha[:, None], motion.ratio
+    ).derivative[:, 0]
+    rate = reconstruction.rate
+    return {
+        "alpha": reconstruction.alpha,
+        "beta": reconstruction.beta,
+        "phat": rate[:, 0] * shape.wing_span / (2.0 * speed),
+        "qhat": rate[:, 1] * shape.mean_chord / (2.0 * speed),
+        "rhat": rate[:, 2] * shape.wing_span / (2.0 * speed),
+        "alphadot_hat": alpha_rate * shape.mean_chord / (2.0 * speed),
+        "Tc": np.sum(thrust.force, axis=1) / (qbar * shape.wing_area),
+        "qbar": qbar,
+        "h_over_b": reconstruction.data.height / shape.wing_span,
+        "V": speed,
+        **controls,
+    }

@@ -1,0 +1,273 @@
+"""Least squares on measured coefficients: the first model, and the baseline for all later ones.
+
+    C(t) = Σ θ_j x_j(t) + v(t)
+
+Ordinary least squares weighted by the noise of the measurement; what makes its standard errors hold
+is what is added to them. v is coloured, so its autocorrelation enters (Klein & Morelli 2006, eqs.
+5.88–5.91). Mass, inertia and thrust are wrong by a factor common to the flight, so their part does
+not shrink with more samples. The regressors α and β are themselves estimates: their error pulls a
+slope toward zero by (XᵀX)⁻¹ Σ_e θ (Fuller, *Measurement Error Models*, 1987, section 2.2), which is
+counted as one standard deviation, since with gusts unseen the pull may be anything up to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import COEFFICIENTS, MOMENTS, Aircraft
+from gcs_sysid.estimate import basis
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
+from gcs_sysid.reconstruct import rates
+
+LONGEST_LAG = 3.0
+"""Residuals further apart than this [s] are taken as independent."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One coefficient's regression, all flights stacked.
+
+    Attributes:
+        keys: regressors, in the order of the columns.
+        columns: their values.
+        measured: the coefficient.
+        noise: one standard deviation of a measurement.
+        slopes: derivative of each column with respect to each uncertain variable.
+        slope_variance: variance of these variables.
+        systematic: what a relative error of one in mass or inertia, and in thrust, adds.
+        systematic_sigma: relative standard deviations of the two.
+        piece: which unbroken stretch of a flight a sample belongs to.
+        step: sample interval [s].
+    """
+
+    keys: tuple[str, ...]
+    columns: Float[np.ndarray, "sample term"]
+    measured: Float[np.ndarray, " sample"]
+    noise: Float[np.ndarray, " sample"]
+    slopes: Float[np.ndarray, "variable sample term"]
+    slope_variance: Float[np.ndarray, "variable sample"]
+    systematic: Float[np.ndarray, "sample two"]
+    systematic_sigma: Float[np.ndarray, " two"]
+    piece: Int[np.ndarray, " sample"]
+    step: float
+
+
+def fit(
+    flights: Sequence[Samples],
+    aircraft: Aircraft,
+    structure: Mapping[str, Sequence[str]],
+    pieces: Sequence[Int[np.ndarray, " sample"]],
+    *,
+    prior: Mapping[str, Prior] | None = None,
+) -> AeroModel:
+    """Fits every coefficient that the flights can give.
+
+    Args:
+        flights: measured coefficients.
+        aircraft: relative uncertainty of mass, inertia and thrust.
+        structure: regressor keys by coefficient.
+        pieces: for each flight and sample, the maneuver it belongs to; negative leaves it out.
+        prior: values believed before, by coefficient; None uses the flights alone.
+    """
+    fits = {}
+    for name in COEFFICIENTS:
+        if any(name in flight.refused for flight in flights):
+            continue
+        believed = None if prior is None else prior.get(name)
+        fits[name] = solve(problem(name, flights, aircraft, structure[name], pieces), believed)
+    return AeroModel(fits=fits, controls=aircraft.control_names)
+
+
+def problem(
+    name: str,
+    flights: Sequence[Samples],
+    aircraft: Aircraft,
+    keys: Sequence[str],
+    pieces: Sequence[Int[np.ndarray, " sample"]],
+) -> Problem:
+    """Stacks one coefficient's regression over the flights.
+
+    The regressors of a moment go through the same smoother as the moment itself did.
+    """
+    controls = aircraft.control_names
+    keys = tuple(regressors.parse(key, controls=controls).key for key in keys)
+    variables = ("alpha", "beta")
+    stacked: dict[str, list[np.ndarray]] = {
+        field: [] for field in ("x", "y", "s", "d", "v", "e", "p")
+    }
+    for index, (flight, piece) in enumerate(zip(flights, pieces, strict=True)):
+        columns = basis.columns(keys, controls, flight.regressors)
+        if name in MOMENTS:
+            columns = rates.smooth(flight.time, columns, flight.smoothing).value
+        used = piece >= 0
+        stacked["x"].append(columns[used])
+        stacked["y"].append(flight.measured[name][used])
+        stacked["s"].append(flight.noise[name][used])
+        stacked["d"].append(
+            np.stack(
+                [basis.slopes(keys, controls, flight.regressors, item)[used] for item in variables]
+            )
+        )
+        stacked["v"].append(np.stack([flight.regressor_variance[item][used] for item in variables]))
+        stacked["e"].append(
+            np.stack([flight.mass_part[name][used], flight.thrust_part[name][used]], 1)
+        )
+        stacked["p"].append(piece[used] + 1_000_000 * index)
+    scale = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
+    push = max((item.thrust_sigma for item in aircraft.propulsion), default=0.0)
+    return Problem(
+        keys=keys,
+        columns=np.concatenate(stacked["x"]),
+        measured=np.concatenate(stacked["y"]),
+        noise=np.concatenate(stacked["s"]),
+        slopes=np.concatenate(stacked["d"], axis=1),
+        slope_variance=np.concatenate(stacked["v"], axis=1),
+        systematic=np.concatenate(stacked["e"]),
+        systematic_sigma=np.array([scale, push]),
+        piece=np.concatenate(stacked["p"]),
+        step=float(np.median(np.diff(flights[0].time))),
+    )
+
+
+def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
+    """Weighted least squares with honest standard errors, then the prior."""
+    root = np.median(problem.noise) / problem.noise
+    columns = problem.columns * root[:, None]
+    measured = problem.measured * root
+    information = columns.T @ columns
+    inverse = np.linalg.pinv(information, hermitian=True)
+    value = inverse @ (columns.T @ measured)
+    residual = measured - columns @ value
+    count, terms = columns.shape
+    freedom = count / max(count - terms, 1)
+    coloured = inverse @ _score_covariance(columns, residual, problem) @ inverse * freedom
+    white = inverse * float(residual @ residual) / max(count - terms, 1)
+    effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
+    scale = inverse @ effect
+    pull = inverse @ _pull(problem, root, value)
+    parts = {
+        "noise": coloured,
+        "scale": scale @ scale.T,
+        "regressor": np.outer(pull, pull),
+    }
+    raw = sum(parts.values(), np.zeros_like(white))
+    mean, covariance = _with_prior(value, raw, prior, problem.keys)
+    departure = problem.measured - problem.columns @ mean
+    explained = problem.noise**2 + _input_variance(problem, mean)
+    discrepancy = np.sqrt(max(float(np.mean(departure**2 - explained)), 0.0))
+    spread = problem.columns.std(axis=0)
+    return CoefficientFit(
+        keys=problem.keys,
+        value=mean,
+        covariance=covariance,
+        flight_value=value,
+        deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
+        white_deviation=np.sqrt(np.diagonal(white)),
+        discrepancy=discrepancy,
+        residual=float(np.std(departure)),
+        correlation=_correlation(problem.columns),
+        excitation=np.abs(mean) * spread / max(float(problem.measured.std()), 1e-12),
+        lowest=problem.columns.min(axis=0),
+        highest=problem.columns.max(axis=0),
+        samples=count,
+        effective_samples=_effective(count, white, coloured),
+    )
+
+
+def _score_covariance(
+    columns: Float[np.ndarray, "sample term"],
+    residual: Float[np.ndarray, " sample"],
+    problem: Problem,
+) -> Float[np.ndarray, "term term"]:
+    """Σ_i Σ_j x_i R_vv(i−j) x_jᵀ over samples of the same piece, R_vv tapered to zero.
+
+    The taper (Bartlett) keeps the sum positive semidefinite; correlations are computed by FFT.
+    """
+    lags = max(int(LONGEST_LAG / problem.step), 1)
+    pieces = [np.flatnonzero(problem.piece == item) for item in np.unique(problem.piece)]
+    products = np.zeros(lags + 1)
+    pairs = np.zeros(lags + 1)
+    for rows in pieces:
+        reach = min(lags + 1, rows.size)
+        products[:reach] += _lagged(residual[rows, None], reach)[:, 0, 0]
+        pairs[:reach] += rows.size - np.arange(reach)
+    taper = 1.0 - np.arange(lags + 1) / (lags + 1.0)
+    kernel = taper * np.where(pairs > 0, products / np.maximum(pairs, 1.0), 0.0)
+    total = np.zeros((columns.shape[1],) * 2)
+    for rows in pieces:
+        reach = min(lags + 1, rows.size)
+        lagged = _lagged(columns[rows], reach)
+        one_sided = np.tensordot(kernel[:reach], lagged, axes=1)
+        total += one_sided + one_sided.T - kernel[0] * lagged[0]
+    values, vectors = np.linalg.eigh(0.5 * (total + total.T))
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def _lagged(
+    signal: Float[np.ndarray, "sample term"], reach: int
+) -> Float[np.ndarray, "lag term term"]:
+    """Σ_i s_i s_{i+k}ᵀ for lags k below `reach`."""
+    size = int(2 ** np.ceil(np.log2(signal.shape[0] + reach)))
+    spectrum = np.fft.rfft(signal, size, axis=0)
+    cross = np.conj(spectrum)[:, :, None] * spectrum[:, None, :]
+    return np.fft.irfft(cross, size, axis=0)[:reach]
+
+
+def _pull(
+    problem: Problem, root: Float[np.ndarray, " sample"], value: Float[np.ndarray, " term"]
+) -> Float[np.ndarray, " term"]:
+    """Σ_e θ: covariance of the columns' errors, summed over samples, times the slopes."""
+    weight = problem.slope_variance * root**2
+    error = np.einsum("vs,vsi,vsj->ij", weight, problem.slopes, problem.slopes, optimize=True)
+    return error @ value
+
+
+def _input_variance(
+    problem: Problem, value: Float[np.ndarray, " term"]
+) -> Float[np.ndarray, " sample"]:
+    """Variance of the coefficient that comes from the uncertain flow angles."""
+    slope = problem.slopes @ value
+    return np.sum(slope**2 * problem.slope_variance, axis=0)
+
+
+def _with_prior(
+    value: Float[np.ndarray, " term"],
+    covariance: Float[np.ndarray, "term term"],
+    prior: Prior | None,
+    keys: tuple[str, ...],
+) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, "term term"]]:
+    """Flight and prior weighed by their covariances; terms the prior does not hold stay free."""
+    if prior is None:
+        return value, covariance
+    held = [key in prior.value for key in keys]
+    pick = np.eye(len(keys))[held]
+    believed = np.array([prior.value[key] for key in keys if key in prior.value])
+    sigma = np.array([prior.sigma[key] for key in keys if key in prior.value])
+    spread = pick @ covariance @ pick.T + np.diag(sigma**2)
+    gain = np.linalg.solve(spread, pick @ covariance).T
+    mean = value + gain @ (believed - pick @ value)
+    kept = np.eye(len(keys)) - gain @ pick
+    updated = kept @ covariance @ kept.T + gain @ np.diag(sigma**2) @ gain.T
+    return mean, updated
+
+
+def _correlation(columns: Float[np.ndarray, "sample term"]) -> Float[np.ndarray, "term term"]:
+    """Correlation of the regressors; zero with a constant one."""
+    centred = columns - columns.mean(axis=0)
+    size = np.sqrt(np.sum(centred**2, axis=0))
+    safe = np.where(size > 1e-12 * np.sqrt(columns.shape[0]), size, np.inf)
+    return (centred / safe).T @ (centred / safe)
+
+
+def _effective(
+    count: int, white: Float[np.ndarray, "term term"], coloured: Float[np.ndarray, "term term"]
+) -> float:
+    """Independent samples that would give the coloured standard errors (median over terms)."""
+    ratio = np.diagonal(white) / np.maximum(np.diagonal(coloured), 1e-300)
+    return float(count * np.clip(np.median(ratio), 0.0, 1.0))

@@ -1,0 +1,148 @@
+"""An identified model on disk: `model/` with `model.json`, `arrays.npz` and the aircraft file.
+
+Plain JSON and NumPy arrays without pickle, with a version; what a newer program wrote, or another
+one, is refused.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import ModelFileError
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.offline import documents
+
+FORMAT = "gcs-sysid model"
+VERSION = 1
+ARRAYS = (
+    "value",
+    "covariance",
+    "flight_value",
+    "white_deviation",
+    "correlation",
+    "excitation",
+    "lowest",
+    "highest",
+)
+NUMBERS = ("discrepancy", "residual", "samples", "effective_samples")
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A model with the aircraft it belongs to and what was learned of the streams.
+
+    Attributes:
+        model: the aerodynamics.
+        aircraft: as its file described it.
+        surface_delay: delay of the surfaces found in the flights [s].
+        provenance: flights it was made from.
+    """
+
+    model: AeroModel
+    aircraft: Aircraft
+    surface_delay: float
+    provenance: list[dict[str, Any]]
+
+
+def save(directory: Path, stored: StoredModel) -> None:
+    """Writes a model; `model.json`, which makes it whole, last."""
+    arrays: dict[str, np.ndarray] = {}
+    fits: dict[str, Any] = {}
+    for name, fit in stored.model.fits.items():
+        for field in ARRAYS:
+            arrays[f"{name}.{field}"] = np.asarray(getattr(fit, field))
+        for origin, deviation in fit.deviations.items():
+            arrays[f"{name}.deviation.{origin}"] = deviation
+        fits[name] = {
+            "regressors": list(fit.keys),
+            "origins": list(fit.deviations),
+            **{field: getattr(fit, field) for field in NUMBERS},
+        }
+    directory.mkdir(parents=True, exist_ok=True)
+    documents.write_atomic(directory / "arrays.npz", lambda path: _save_arrays(path, arrays))
+    documents.write_text(directory / "aircraft.toml", aircraft_file.dumps(stored.aircraft))
+    documents.write_json(
+        directory / "model.json",
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "controls": list(stored.model.controls),
+            "fits": fits,
+            "surface_delay": stored.surface_delay,
+            "flights": stored.provenance,
+        },
+    )
+
+
+def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=False, **dict(arrays))
+
+
+def load(directory: Path) -> StoredModel:
+    """Reads a model directory (that of `identify`, or `model/` inside it).
+
+    Raises:
+        ModelFileError: nothing there, damaged, foreign, or from a newer version.
+    """
+    if not (directory / "model.json").is_file() and (directory / "model" / "model.json").is_file():
+        directory = directory / "model"
+    header = _header(directory)
+    try:
+        with np.load(directory / "arrays.npz", allow_pickle=False) as arrays:
+            fits = {name: _fit(name, entry, arrays) for name, entry in header["fits"].items()}
+        delay = float(header["surface_delay"])
+        model = AeroModel(fits=fits, controls=tuple(header["controls"]))
+        provenance = list(header["flights"])
+    except (OSError, KeyError, TypeError, ValueError, EOFError) as error:
+        raise ModelFileError(
+            str(directory), f"the model is damaged ({error})", fix="run `gcs-sysid identify` again"
+        ) from error
+    aircraft = aircraft_file.load(directory / "aircraft.toml")
+    return StoredModel(model, aircraft, delay, provenance)
+
+
+def _header(directory: Path) -> dict[str, Any]:
+    path = directory / "model.json"
+    try:
+        header = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ModelFileError(
+            str(directory),
+            "holds no model.json",
+            fix="give the directory that `gcs-sysid identify --out` wrote",
+        ) from error
+    except (OSError, ValueError) as error:
+        raise ModelFileError(
+            str(path), f"cannot be read ({error})", fix="run `gcs-sysid identify` again"
+        ) from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ModelFileError(
+            str(path),
+            "is not a model of gcs-sysid",
+            fix="give the directory that `gcs-sysid identify --out` wrote",
+        )
+    if header.get("version") != VERSION:
+        raise ModelFileError(
+            str(path),
+            f"has version {header.get('version')}, this program reads version {VERSION}",
+            fix="install the gcs-sysid that wrote it, or run `gcs-sysid identify` again",
+        )
+    return header
+
+
+def _fit(name: str, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> CoefficientFit:
+    return CoefficientFit(
+        keys=tuple(entry["regressors"]),
+        deviations={origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]},
+        **{field: arrays[f"{name}.{field}"] for field in ARRAYS},
+        **{field: entry[field] for field in NUMBERS},
+    )

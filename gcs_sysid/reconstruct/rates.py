@@ -1,0 +1,203 @@
+"""Angular acceleration from gyro samples, by smoothing rather than by differences.
+
+Each rate is taken as the integral of a Wiener process seen in white noise,
+
+    dω = ω̇ dt,   dω̇ = √q dW,   gyro = ω + e,   e ~ N(0, r),
+
+whose posterior mean is the cubic smoothing spline (Wahba 1978) and whose posterior variance comes
+with it. The ratio q/r is the most likely one, shared by the three axes: then the smoother is one
+linear, time-symmetric filter, and applying the same filter to the regressors of a moment equation
+leaves that equation exactly true (Klein & Morelli 2006, section 5.2: filter both sides alike).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+RATIOS = np.logspace(1.0, 10.0, 28)
+"""Candidate ratios q/r [1/s³]: cut-offs from about 0.3 Hz to 50 Hz."""
+BLOCK = 4096
+"""Flights are padded to whole blocks, so that few lengths are ever compiled."""
+
+
+class Smooth(NamedTuple):
+    """Smoothed signals, their derivative, and standard deviations relative to √r."""
+
+    value: Float[np.ndarray, "sample signal"]
+    derivative: Float[np.ndarray, "sample signal"]
+    value_gain: Float[np.ndarray, " sample"]
+    derivative_gain: Float[np.ndarray, " sample"]
+
+
+class AngularMotion(NamedTuple):
+    """Smoothed angular rate [rad/s] and acceleration [rad/s²] with one standard deviation."""
+
+    rate: Float[np.ndarray, "sample axis"]
+    acceleration: Float[np.ndarray, "sample axis"]
+    acceleration_deviation: Float[np.ndarray, "sample axis"]
+    noise: Float[np.ndarray, " axis"]
+    ratio: float
+
+
+def _filter(
+    step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
+) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array]]:
+    """Forward pass for r = 1: filtered and predicted moments, innovations and their variance."""
+    columns = signal.shape[1]
+
+    def advance(
+        carry: tuple[Array, Array], row: tuple[Array, Array]
+    ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+        mean, covariance = carry
+        length, seen = row
+        move = jnp.eye(2) + jnp.array([[0.0, 1.0], [0.0, 0.0]]) * length
+        ahead = move @ mean
+        spread = move @ covariance @ move.T + ratio * jnp.array(
+            [[1.0 / 3.0, 0.5], [0.5, 1.0]]
+        ) * jnp.array([[length**3, length**2], [length**2, length]])
+        variance = spread[0, 0] + 1.0
+        gain = spread[:, 0] / variance
+        innovation = seen - ahead[0]
+        mean = ahead + gain[:, None] * innovation[None, :]
+        covariance = spread - jnp.outer(gain, gain) * variance
+        return (mean, covariance), (mean, covariance, ahead, spread, innovation, variance)
+
+    start = (
+        jnp.concatenate([signal[:1], jnp.zeros((1, columns))]),
+        jnp.diag(jnp.array([1.0, ratio])),
+    )
+    _, out = jax.lax.scan(advance, start, (step, signal))
+    return out[:4], out[4:]
+
+
+@jax.jit
+def _likelihood(
+    step: Float[Array, " sample"],
+    signal: Float[Array, "sample signal"],
+    weight: Float[Array, " sample"],
+    ratio: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Log-likelihood with each signal's r profiled out; `weight` is zero on padding."""
+    _, (innovation, variance) = _filter(step, signal, ratio)
+    noise = _most_likely_noise(innovation, variance, weight)
+    logarithms = jnp.sum(weight * jnp.log(variance))
+    return -0.5 * (signal.shape[1] * logarithms + jnp.sum(weight) * jnp.sum(jnp.log(noise)))
+
+
+def _most_likely_noise(
+    innovation: Float[Array, "sample signal"],
+    variance: Float[Array, " sample"],
+    weight: Float[Array, " sample"],
+) -> Float[Array, " signal"]:
+    """The r under which innovations computed for r = 1 are most likely."""
+    return weight @ (innovation**2 / variance[:, None]) / jnp.sum(weight)
+
+
+@jax.jit
+def _noise(
+    step: Float[Array, " sample"],
+    signal: Float[Array, "sample signal"],
+    weight: Float[Array, " sample"],
+    ratio: Float[Array, ""],
+) -> Float[Array, " signal"]:
+    """Most likely r of each signal at a given ratio."""
+    _, (innovation, variance) = _filter(step, signal, ratio)
+    return _most_likely_noise(innovation, variance, weight)
+
+
+@jax.jit
+def _smooth(
+    step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
+) -> tuple[Float[Array, "sample two signal"], Float[Array, "sample two"]]:
+    """Smoothed moments for r = 1."""
+    (mean, covariance, ahead, spread), _ = _filter(step, signal, ratio)
+
+    def back(
+        later: tuple[Array, Array], row: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        filtered, filtered_spread, predicted, predicted_spread, length = row
+        move = jnp.eye(2) + jnp.array([[0.0, 1.0], [0.0, 0.0]]) * length
+        gain = jnp.linalg.solve(predicted_spread, move @ filtered_spread).T
+        value = filtered + gain @ (later[0] - predicted)
+        uncertain = filtered_spread + gain @ (later[1] - predicted_spread) @ gain.T
+        return (value, uncertain), (value, jnp.diagonal(uncertain))
+
+    end = (mean[-1], covariance[-1])
+    rows = (mean[:-1], covariance[:-1], ahead[1:], spread[1:], step[1:])
+    _, (values, variances) = jax.lax.scan(back, end, rows, reverse=True)
+    return (
+        jnp.concatenate([values, mean[-1:]]),
+        jnp.concatenate([variances, jnp.diagonal(covariance[-1])[None]]),
+    )
+
+
+def _padded(
+    time: Float[np.ndarray, " sample"], signal: Float[np.ndarray, "sample signal"]
+) -> tuple[Array, Array, Array]:
+    """Steps, signals and weights, padded with late, unweighted copies of the last sample."""
+    missing = -time.size % BLOCK
+    usual = float(np.median(np.diff(time)))
+    step = np.concatenate([np.diff(time, prepend=time[0] - usual), np.full(missing, usual)])
+    values = np.concatenate([signal, np.repeat(signal[-1:], missing, axis=0)])
+    weight = np.concatenate([np.ones(time.size), np.zeros(missing)])
+    return jnp.asarray(step), jnp.asarray(values), jnp.asarray(weight)
+
+
+def most_likely_ratio(
+    time: Float[np.ndarray, " sample"], rate: Float[np.ndarray, "sample axis"]
+) -> float:
+    """Ratio q/r [1/s³] under which the rates are most likely, refined between candidates."""
+    step, values, weight = _padded(time, rate)
+    score = np.array([float(_likelihood(step, values, weight, jnp.asarray(x))) for x in RATIOS])
+    best = int(np.clip(np.argmax(score), 1, RATIOS.size - 2))
+    left, middle, right = score[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    spacing = np.log(RATIOS[1] / RATIOS[0])
+    return float(RATIOS[best] * np.exp(np.clip(offset, -1.0, 1.0) * spacing))
+
+
+def smooth(
+    time: Float[np.ndarray, " sample"],
+    signal: Float[np.ndarray, "sample signal"],
+    ratio: float,
+) -> Smooth:
+    """Applies the smoother of a given ratio to any signals on the same clock."""
+    step, values, _ = _padded(time, signal)
+    moments, variances = _smooth(step, values, jnp.asarray(ratio))
+    count = time.size
+    mean = np.asarray(moments)[:count]
+    gain = np.sqrt(np.maximum(np.asarray(variances)[:count], 0.0))
+    return Smooth(mean[:, 0], mean[:, 1], gain[:, 0], gain[:, 1])
+
+
+def angular_motion(
+    time: Float[np.ndarray, " sample"], rate: Float[np.ndarray, "sample axis"]
+) -> AngularMotion:
+    """Smoothed rate and angular acceleration of a flight.
+
+    Args:
+        time: sample times [s], increasing.
+        rate: measured body rates, biases taken off [rad/s].
+
+    Returns:
+        Rates, accelerations and one standard deviation of the accelerations. The latter holds for
+        noise that is white from sample to sample and a motion as lively all along as on average; it
+        is too small in the liveliest moments of a flight that is mostly quiet.
+    """
+    ratio = most_likely_ratio(time, rate)
+    step, values, weight = _padded(time, rate)
+    noise = np.sqrt(np.asarray(_noise(step, values, weight, jnp.asarray(ratio))))
+    smoothed = smooth(time, rate, ratio)
+    return AngularMotion(
+        rate=smoothed.value,
+        acceleration=smoothed.derivative,
+        acceleration_deviation=smoothed.derivative_gain[:, None] * noise,
+        noise=noise,
+        ratio=ratio,
+    )

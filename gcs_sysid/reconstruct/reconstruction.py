@@ -1,0 +1,294 @@
+"""Reconstruction of a flight: attitude, air-relative velocity, wind and sensor errors with bands.
+
+Noise intensities are found from the flight itself: sensor noise from sample-to-sample differences,
+measurement noise and gust intensity by two rounds of expectation–maximisation on the smoothed
+flight (Shumway & Stoffer 1982), then the whole flight is smoothed once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft, SensorError
+from gcs_sysid.model.kinematics import (
+    BLOCKS,
+    MEASURED,
+    SIZE,
+    Levers,
+    Noise,
+    State,
+)
+from gcs_sysid.reconstruct.measurements import FlightData
+from gcs_sysid.reconstruct.smoother import CHUNK, Inputs, Smoothed, smooth
+
+ROUNDS = 2
+SAMPLE_ROWS = 3 * CHUNK
+"""Rows of the flight's middle on which the noise intensities are found."""
+
+MEASURED_NOISE = np.array([0.6, 0.3, 0.3, 0.3, 0.01, 0.01, 0.02, 0.01, 0.01])
+"""First guess of white noise: airspeed [m/s], velocity [m/s], attitude [rad], vanes [rad]."""
+MEASURED_FLOOR = np.array([0.1, 0.03, 0.03, 0.03, 0.002, 0.002, 0.004, 0.002, 0.002])
+
+PRIOR = {
+    "attitude": 0.05,
+    "velocity": 2.0,
+    "wind": 8.0,
+    "gust": 1.0,
+    "accelerometer_bias": 0.1,
+    "gyro_bias": np.deg2rad(0.3),
+    "attitude_error": np.deg2rad(1.5),
+    "airspeed_scale": 0.05,
+    "vane_bias": np.deg2rad(2.0),
+    "vane_scale": 0.1,
+    "airspeed_delay": 0.05,
+    "velocity_delay": 0.1,
+    "attitude_delay": 0.02,
+    "vane_delay": 0.05,
+    "gyro_scale": 0.01,
+    "accelerometer_scale": 0.01,
+}
+"""One standard deviation before the flight is looked at; the aircraft file may say otherwise."""
+VERTICAL_WIND = 0.3
+ABSENT = 1e-6
+GUST_TIME = 3.0
+UNSEEN_VERTICAL_GUST = 1.4
+"""Vertical over horizontal gust intensity where no vane sees the vertical one: low-level turbulence
+has less (MIL-F-8785C), convective more; the larger keeps the bands honest."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A flight as the kinematics explain it, on the inertial unit's clock.
+
+    Attributes:
+        data: what it was made from.
+        smoothed: the smoother's answer.
+        noise: intensities used, found from the flight.
+        airspeed: true airspeed at the centre of gravity [m/s].
+        alpha: angle of attack there [rad].
+        beta: sideslip there [rad].
+        flow_covariance: of the three.
+        rate: angular rate, sensor errors off [rad/s].
+        force: specific force at the inertial unit, sensor errors off [m/s²].
+        euler: roll, pitch, yaw [rad].
+        wind: steady wind plus gust, blowing toward NED [m/s].
+        lever: position of the inertial unit from the centre of gravity [m].
+    """
+
+    data: FlightData
+    smoothed: Smoothed
+    noise: Noise
+    airspeed: Float[np.ndarray, " sample"]
+    alpha: Float[np.ndarray, " sample"]
+    beta: Float[np.ndarray, " sample"]
+    flow_covariance: Float[np.ndarray, "sample three three"]
+    rate: Float[np.ndarray, "sample axis"]
+    force: Float[np.ndarray, "sample axis"]
+    euler: Float[np.ndarray, "sample axis"]
+    wind: Float[np.ndarray, "sample axis"]
+    lever: Float[np.ndarray, " axis"]
+
+    @property
+    def time(self) -> Float[np.ndarray, " sample"]:
+        """Sample times [s after the epoch]."""
+        return self.data.time
+
+    def block(self, name: str) -> Float[np.ndarray, "sample size"]:
+        """Smoothed values of one block of the state."""
+        return self.smoothed.rest[:, BLOCKS[name]]
+
+    def deviation(self, name: str) -> Float[np.ndarray, "sample size"]:
+        """Their one standard deviation."""
+        return self.smoothed.deviation[:, BLOCKS[name]]
+
+
+def reconstruct(data: FlightData, aircraft: Aircraft) -> Reconstruction:
+    """Smooths a flight and describes it at the centre of gravity.
+
+    Args:
+        data: one airborne interval.
+        aircraft: positions of the sensors, their known errors and how well these are known.
+
+    Returns:
+        States, wind and sensor errors with their uncertainty. Without flow vanes, angles of attack
+        and sideslip see gusts only through the airspeed: their bands then hold the gust.
+    """
+    levers, reference = _levers(aircraft)
+    noise = first_noise(data)
+    inputs = data.inputs()
+    sample = _middle(inputs)
+    for _ in range(ROUNDS):
+        state, covariance = first_state(data, aircraft, sample[0])
+        part = smooth(state, covariance, sample[1], levers, reference, noise)
+        noise = _refined(noise, part, sample[1])
+    state, covariance = first_state(data, aircraft, 0)
+    smoothed = smooth(state, covariance, inputs, levers, reference, noise)
+    return _described(data, smoothed, noise, -reference)
+
+
+def _levers(aircraft: Aircraft) -> tuple[Levers, Float[np.ndarray, " axis"]]:
+    """Sensor positions, and the centre of gravity, from the inertial unit."""
+    unit = np.array(aircraft.imu.position)
+    vanes = np.array(aircraft.vanes.position) if aircraft.vanes is not None else unit
+    levers = Levers(
+        jnp.asarray(np.array(aircraft.pitot.position) - unit), jnp.asarray(vanes - unit)
+    )
+    return levers, np.array(aircraft.mass.cg) - unit
+
+
+def first_noise(data: FlightData) -> Noise:
+    """Intensities before the flight has been smoothed.
+
+    White noise of a signal is its third difference's median size: motion contributes little to it
+    and bursts of motion do not move a median (a third difference of white noise has 20 times its
+    variance). What sampled signals leave out of the motion between samples is added as a floor.
+    """
+
+    def white(signal: Float[np.ndarray, "sample axis"]) -> float:
+        size = np.median(np.abs(np.diff(signal, n=3, axis=0)), axis=0)
+        return float(np.max(size) / (0.6745 * np.sqrt(20.0)))
+
+    accelerometer = white(data.accelerometer) if data.has_accelerometer else 3.0
+    return Noise(
+        gyro=jnp.asarray(np.hypot(white(data.gyro), 0.002)),
+        accelerometer=jnp.asarray(np.hypot(accelerometer, 0.05)),
+        accelerometer_drift=jnp.asarray(1e-3),
+        gyro_drift=jnp.asarray(1e-5),
+        wind_drift=jnp.asarray(0.05),
+        gust=jnp.asarray(np.array([1.0, 1.0, UNSEEN_VERTICAL_GUST])),
+        gust_time=jnp.asarray(GUST_TIME),
+        attitude_error=jnp.asarray(np.deg2rad([1.0, 1.0, 3.0])),
+        attitude_error_time=jnp.asarray(20.0),
+        measured=jnp.asarray(MEASURED_NOISE),
+    )
+
+
+def first_state(
+    data: FlightData, aircraft: Aircraft, row: int
+) -> tuple[State, Float[np.ndarray, "state state"]]:
+    """Estimate at a row of the flight from the first measurements after it, and its covariance."""
+    measured = data.measured
+    seen = [int(np.argmax(measured.valid[row:, group])) + row for group in range(len(MEASURED))]
+    groups = list(MEASURED)
+    rest = np.zeros(SIZE)
+    rest[BLOCKS["velocity"]] = measured.velocity[seen[groups.index("velocity")]]
+    deviation = np.zeros(SIZE)
+    for name, rows in BLOCKS.items():
+        deviation[rows] = PRIOR[name]
+    deviation[BLOCKS["wind"]][2] = VERTICAL_WIND
+    if not data.has_accelerometer:
+        deviation[BLOCKS["accelerometer_bias"]] = ABSENT
+        deviation[BLOCKS["accelerometer_scale"]] = ABSENT
+    if "vanes" not in data.used:
+        for name in ("vane_bias", "vane_scale", "vane_delay"):
+            deviation[BLOCKS[name]] = ABSENT
+    _stated(deviation, data, aircraft)
+    attitude = measured.attitude[seen[groups.index("attitude")]]
+    state = State(jnp.asarray(attitude), jnp.asarray(rest))
+    return state, np.diag(deviation**2)
+
+
+def _stated(deviation: Float[np.ndarray, " state"], data: FlightData, aircraft: Aircraft) -> None:
+    """Writes what the aircraft file says of its sensors' uncertainty over the defaults."""
+
+    def put(name: str, sigma: float | None, row: int | None = None) -> None:
+        if sigma is not None:
+            rows = BLOCKS[name]
+            deviation[rows if row is None else rows.start + row] = max(sigma, ABSENT)
+
+    def put_error(bias: str, scale: str, error: SensorError, row: int | None = None) -> None:
+        put(bias, error.bias_sigma, row)
+        put(scale, error.scale_sigma, row)
+
+    put_error("accelerometer_bias", "accelerometer_scale", aircraft.imu.accelerometer)
+    put_error("gyro_bias", "gyro_scale", aircraft.imu.gyro)
+    put("airspeed_scale", aircraft.pitot.error.scale_sigma)
+    put("airspeed_delay", aircraft.pitot.error.lag_sigma)
+    if aircraft.vanes is not None:
+        put_error("vane_bias", "vane_scale", aircraft.vanes.alpha, 0)
+        put_error("vane_bias", "vane_scale", aircraft.vanes.beta, 1)
+    for group in ("airspeed", "velocity", "attitude", "vanes"):
+        timing = aircraft.streams.get(data.used.get(group, ""))
+        if timing is not None:
+            put(f"{group.removesuffix('s')}_delay", timing.sigma)
+
+
+def _middle(inputs: Inputs) -> tuple[int, Inputs]:
+    """The middle of the flight, at most `SAMPLE_ROWS` long, and where it starts."""
+    count = inputs.step.shape[0]
+    first = max(0, (count - SAMPLE_ROWS) // 2)
+    rows = slice(first, first + SAMPLE_ROWS)
+
+    def cut(values: np.ndarray) -> np.ndarray:
+        return values[rows]
+
+    measured = type(inputs.measured)(*(cut(values) for values in inputs.measured))
+    return first, Inputs(
+        before=type(inputs.before)(*(cut(values) for values in inputs.before)),
+        after=type(inputs.after)(*(cut(values) for values in inputs.after)),
+        step=cut(inputs.step),
+        measured=measured,
+    )
+
+
+def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
+    """One round of expectation–maximisation for measurement noise and gust intensity.
+
+    The gust's is taken from its horizontal component along the flight path, which the pitot tube
+    sees; with vanes from all three components.
+    """
+    residual = np.where(
+        np.isfinite(smoothed.residual),
+        np.clip(smoothed.residual, -5.0 * noise.measured, 5.0 * noise.measured),
+        np.nan,
+    )
+    present = np.isfinite(residual).any(axis=0)
+    square = np.nanmean(
+        np.where(present, residual, 0.0) ** 2 + np.where(present, smoothed.residual_variance, 0.0),
+        axis=0,
+    )
+    measured = np.where(present, np.sqrt(square), np.asarray(noise.measured))
+    gust = smoothed.rest[:, BLOCKS["gust"]]
+    second = gust**2 + smoothed.deviation[:, BLOCKS["gust"]] ** 2
+    if inputs.measured.valid[:, list(MEASURED).index("vanes")].any():
+        level = np.sqrt(np.mean(second[:, :2]))
+        vertical = np.sqrt(np.mean(second[:, 2]))
+    else:
+        ahead = frames.rotate(smoothed.attitude, np.array([[1.0, 0.0, 0.0]]))[:, :2]
+        level = np.sqrt(np.sum(second[:, :2] * ahead**2) / np.sum(ahead**2))
+        vertical = UNSEEN_VERTICAL_GUST * level
+    return noise._replace(
+        measured=jnp.asarray(np.maximum(measured, MEASURED_FLOOR)),
+        gust=jnp.asarray(np.clip(np.array([level, level, vertical]), 0.1, 6.0)),
+    )
+
+
+def _described(
+    data: FlightData, smoothed: Smoothed, noise: Noise, lever: Float[np.ndarray, " axis"]
+) -> Reconstruction:
+    def block(name: str) -> Float[np.ndarray, "sample size"]:
+        return smoothed.rest[:, BLOCKS[name]]
+
+    rate = (data.gyro - block("gyro_bias")) / (1.0 + block("gyro_scale"))
+    force = (data.accelerometer - block("accelerometer_bias")) / (
+        1.0 + block("accelerometer_scale")
+    )
+    return Reconstruction(
+        data=data,
+        smoothed=smoothed,
+        noise=noise,
+        airspeed=smoothed.flow[:, 0],
+        alpha=smoothed.flow[:, 1],
+        beta=smoothed.flow[:, 2],
+        flow_covariance=smoothed.flow_covariance,
+        rate=rate,
+        force=force,
+        euler=frames.euler_from_quaternion(smoothed.attitude),
+        wind=block("wind") + block("gust"),
+        lever=lever,
+    )
