@@ -1,0 +1,181 @@
+"""A plain autopilot: damps rates, holds attitude, airspeed, height and heading.
+
+Its gains come from the aircraft file, so that it flies any aircraft without tuning: every loop's
+bandwidth is a fixed share of what the servos' lag and delay allow. It knows only what its sensors
+say. Test inputs are added to its output, not to its targets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_sysid.aircraft import Aircraft, Servo
+from gcs_sysid.sitl.inputs import THROTTLE
+from gcs_sysid.sitl.plan import Leg
+from gcs_sysid.sitl.servo import interpolate
+from gcs_sysid.sitl.slopes import Slopes, slopes
+
+PERIOD = 0.02
+"""Time between two runs of the control loops [s]."""
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²] (ISO 80000-3)."""
+
+# Shares of 1/(lag + delay): a rate loop with 60° of phase left, and half and a quarter of that
+# for what is closed around it.
+_RATE = 0.3
+_RATE_INTEGRAL = 0.25
+_ATTITUDE = 0.15
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What the autopilot knows: attitude [rad], rates [rad/s], air and height [m, m/s]."""
+
+    phi: float
+    theta: float
+    psi: float
+    p: float
+    q: float
+    r: float
+    airspeed: float
+    height: float
+    climb: float
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Integrators: pitch, roll [rad/s²], pitch attitude [rad], forward acceleration [m/s²]."""
+
+    pitch: float = 0.0
+    roll: float = 0.0
+    theta: float = 0.0
+    thrust: float = 0.0
+
+
+@dataclass(frozen=True)
+class Autopilot:
+    """An autopilot for one aircraft on one leg; build with `autopilot`."""
+
+    slope: Slopes
+    bandwidth: float
+    mass: float
+    thrust_slope: float
+
+    def command(
+        self, memory: Memory, sensed: Sensed, leg: Leg
+    ) -> tuple[Mapping[str, float], Memory]:
+        """One run of the loops.
+
+        Returns:
+            Controls [rad] and `throttle` (0 to 1, not limited), and the integrators to go on with.
+        """
+        speed = max(sensed.airspeed, 0.6 * leg.airspeed)
+        theta, integral_theta = self._climb(memory.theta, sensed, leg, speed)
+        pitch, integral_pitch = self._pitch(memory.pitch, sensed, theta, speed)
+        roll, integral_roll = self._roll(memory.roll, sensed, _bank(sensed, leg))
+        throttle, integral_thrust = self._throttle(memory.thrust, sensed, leg)
+        stiffness = (self.slope.airspeed / speed) ** 2
+        commands = {
+            self.slope.pitch_name: pitch * stiffness / self.slope.pitch_control,
+            self.slope.roll_name: roll * stiffness / self.slope.roll_control,
+            THROTTLE: throttle,
+        }
+        if self.slope.yaw_name is not None:
+            coordinated = GRAVITY / speed * math.sin(sensed.phi) * math.cos(sensed.theta)
+            yaw = 0.5 * _RATE * self.bandwidth * (coordinated - sensed.r)
+            commands[self.slope.yaw_name] = yaw * stiffness / self.slope.yaw_control
+        return commands, Memory(integral_pitch, integral_roll, integral_theta, integral_thrust)
+
+    def _climb(
+        self, integral: float, sensed: Sensed, leg: Leg, speed: float
+    ) -> tuple[float, float]:
+        limit = 0.12 * speed
+        climb = _limit(0.25 * (leg.height - sensed.height), limit)
+        error = (climb - sensed.climb) / speed
+        integral = _limit(integral + 0.4 * error * PERIOD, math.radians(20.0))
+        return _limit(integral + 0.8 * error, math.radians(25.0)), integral
+
+    def _pitch(
+        self, integral: float, sensed: Sensed, theta: float, speed: float
+    ) -> tuple[float, float]:
+        turn = GRAVITY / speed * math.sin(sensed.phi) * math.tan(_limit(sensed.phi, 1.2))
+        rate = _ATTITUDE * self.bandwidth * (theta - sensed.theta) + turn
+        error = rate - sensed.q
+        # Of the steady pitch rate that a deflection makes, stiffness takes this share.
+        steady = self.slope.lift / self.slope.short_period**2
+        integral += _RATE_INTEGRAL * self.bandwidth / max(steady, 0.01) * error * PERIOD
+        return _RATE * self.bandwidth * error + integral, integral
+
+    def _roll(self, integral: float, sensed: Sensed, bank: float) -> tuple[float, float]:
+        rate = _limit(_ATTITUDE * self.bandwidth * (bank - sensed.phi), math.radians(60.0))
+        error = rate - sensed.p
+        damping = abs(self.slope.roll_damping)
+        integral = _limit(integral + 0.2 * damping * error * PERIOD, 0.2 * damping)
+        return _RATE * self.bandwidth * error + damping * rate + integral, integral
+
+    def _throttle(self, integral: float, sensed: Sensed, leg: Leg) -> tuple[float, float]:
+        error = leg.airspeed - sensed.airspeed
+        limit = self.thrust_slope / self.mass
+        integral = min(max(integral + 0.1 * error * PERIOD, -0.2 * limit), limit)
+        climb = GRAVITY * sensed.climb / max(sensed.airspeed, 1.0)
+        return (0.5 * error + 0.5 * climb + integral) * self.mass / self.thrust_slope, integral
+
+
+def autopilot(aircraft: Aircraft, airspeed: float) -> Autopilot:
+    """The autopilot with the gains for a leg at `airspeed` [m/s]."""
+    lag = max((servo.delay + servo.time_constant for servo in aircraft.servos), default=0.0)
+    thrust = sum(
+        interpolate(airspeed, thruster.airspeed, thruster.thrust[-1])
+        - interpolate(airspeed, thruster.airspeed, thruster.thrust[0])
+        for thruster in aircraft.propulsion
+    )
+    return Autopilot(
+        slope=slopes(aircraft, airspeed),
+        # A command is held for one period, half of it on average, and computed from the last one.
+        bandwidth=1.0 / (lag + PERIOD),
+        mass=aircraft.mass.mass,
+        thrust_slope=max(thrust, 0.05 * aircraft.mass.mass * GRAVITY),
+    )
+
+
+def outputs(aircraft: Aircraft, commands: Mapping[str, float]) -> dict[int, int]:
+    """Pulses [µs] by output channel for controls [rad] and `throttle` (0 to 1)."""
+    surfaces = [servo.surface for servo in aircraft.servos]
+    mix = np.array([[c.mix.get(name, 0.0) for name in surfaces] for c in aircraft.controls])
+    wanted = np.array([commands.get(name, 0.0) for name in aircraft.control_names])
+    deflections = np.linalg.pinv(mix) @ wanted
+    pulses = {
+        servo.channel: _pulse(servo, float(deflection))
+        for servo, deflection in zip(aircraft.servos, deflections, strict=True)
+    }
+    for thruster in aircraft.propulsion:
+        share = min(max(commands.get(THROTTLE, 0.0), 0.0), 1.0)
+        low, high = thruster.pwm[0], thruster.pwm[-1]
+        pulses[thruster.throttle_channel] = round(low + share * (high - low))
+    return pulses
+
+
+def neutral(servo: Servo) -> int:
+    """The pulse [µs] that commands no deflection."""
+    return _pulse(servo, 0.0)
+
+
+def _pulse(servo: Servo, deflection: float) -> int:
+    points = sorted(zip(servo.deflection, servo.pwm, strict=True))
+    return round(interpolate(deflection, [p[0] for p in points], [p[1] for p in points]))
+
+
+def _bank(sensed: Sensed, leg: Leg) -> float:
+    if leg.heading is None:
+        return leg.bank
+    error = math.remainder(leg.heading - sensed.psi, 2.0 * math.pi)
+    return _limit(1.2 * error, abs(leg.bank))
+
+
+def _limit(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

@@ -1,0 +1,284 @@
+"""An aircraft in flight: JSBSim integrates it, this module speaks SI to JSBSim.
+
+Everything read after a step belongs to one instant: state, air, forces, coefficients and
+accelerations.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import jsbsim
+
+from gcs_sysid.aircraft import COEFFICIENTS, ZERO, Aircraft, Vector
+from gcs_sysid.errors import UsageError
+from gcs_sysid.sitl import jsbsim_xml, units
+
+_log = logging.getLogger(__name__)
+
+STEP = 0.0025
+"""Integration step [s]: a hundredth of the roll mode of a 1 m aircraft takes 0.5 ms to pass, and
+third-order Adams-Bashforth then follows it to 1e-6."""
+
+MILSPEC = 3
+ADAMS_BASHFORTH_3 = 4
+TURBULENCE_CEILING = 1000.0 * units.FOOT
+"""Height above sea level [m] up to which `Wind.gust` alone sets the turbulence (MIL-F-8785C,
+3.7.3.4; JSBSim uses the height above sea level here, not above ground)."""
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Moving air.
+
+    Attributes:
+        steady: velocity of the air, north east down [m/s].
+        gust: standard deviation of the vertical turbulence below 300 m [m/s], a tenth of the wind
+            at 6 m (MIL-F-8785C, figure 11); the horizontal ones follow from the height. 0 for calm.
+    """
+
+    steady: Vector = ZERO
+    gust: float = 0.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a flight begins, in the air: degrees, metres, m/s."""
+
+    latitude_deg: float = 47.3
+    longitude_deg: float = 8.5
+    elevation: float = 20.0
+    height: float = 120.0
+    heading_deg: float = 0.0
+    airspeed: float = 20.0
+    alpha_deg: float = 2.0
+
+
+@dataclass(frozen=True)
+class State:
+    """The aircraft and the air around it at one instant: SI, rad, body axes, NED.
+
+    `p q r` are inertial; `p_air …` is the rotation against the air, which the aerodynamics feel;
+    `u_air …` the velocity of the centre of gravity against the air; `force_*` everything but
+    gravity. Coefficients are about the airframe point.
+    """
+
+    time: float
+    latitude: float
+    longitude: float
+    altitude: float
+    height: float
+    v_north: float
+    v_east: float
+    v_down: float
+    phi: float
+    theta: float
+    psi: float
+    p: float
+    q: float
+    r: float
+    p_dot: float
+    q_dot: float
+    r_dot: float
+    force_x: float
+    force_y: float
+    force_z: float
+    u_air: float
+    v_air: float
+    w_air: float
+    p_air: float
+    q_air: float
+    r_air: float
+    V: float
+    qbar: float
+    alpha: float
+    beta: float
+    wind_north: float
+    wind_east: float
+    wind_down: float
+    density: float
+    pressure: float
+    temperature: float
+    CX: float
+    CY: float
+    CZ: float
+    Cl: float
+    Cm: float
+    Cn: float
+
+
+_STATE: Mapping[str, tuple[str, float]] = {
+    "time": ("simulation/sim-time-sec", 1.0),
+    "latitude": ("position/lat-geod-rad", 1.0),
+    "longitude": ("position/long-gc-rad", 1.0),
+    "altitude": ("position/h-sl-ft", units.FOOT),
+    "height": ("position/h-agl-ft", units.FOOT),
+    "v_north": ("velocities/v-north-fps", units.FOOT),
+    "v_east": ("velocities/v-east-fps", units.FOOT),
+    "v_down": ("velocities/v-down-fps", units.FOOT),
+    "phi": ("attitude/phi-rad", 1.0),
+    "theta": ("attitude/theta-rad", 1.0),
+    "psi": ("attitude/psi-rad", 1.0),
+    "p": ("velocities/pi-rad_sec", 1.0),
+    "q": ("velocities/qi-rad_sec", 1.0),
+    "r": ("velocities/ri-rad_sec", 1.0),
+    "p_dot": ("accelerations/pidot-rad_sec2", 1.0),
+    "q_dot": ("accelerations/qidot-rad_sec2", 1.0),
+    "r_dot": ("accelerations/ridot-rad_sec2", 1.0),
+    "force_x": ("forces/fbx-total-lbs", units.POUND_FORCE),
+    "force_y": ("forces/fby-total-lbs", units.POUND_FORCE),
+    "force_z": ("forces/fbz-total-lbs", units.POUND_FORCE),
+    "u_air": ("velocities/u-aero-fps", units.FOOT),
+    "v_air": ("velocities/v-aero-fps", units.FOOT),
+    "w_air": ("velocities/w-aero-fps", units.FOOT),
+    "p_air": ("velocities/p-aero-rad_sec", 1.0),
+    "q_air": ("velocities/q-aero-rad_sec", 1.0),
+    "r_air": ("velocities/r-aero-rad_sec", 1.0),
+    "V": ("velocities/vt-fps", units.FOOT),
+    "qbar": ("aero/qbar-psf", units.PSF),
+    "alpha": ("aero/alpha-rad", 1.0),
+    "beta": ("aero/beta-rad", 1.0),
+    "wind_north": ("atmosphere/total-wind-north-fps", units.FOOT),
+    "wind_east": ("atmosphere/total-wind-east-fps", units.FOOT),
+    "wind_down": ("atmosphere/total-wind-down-fps", units.FOOT),
+    "density": ("atmosphere/rho-slugs_ft3", units.SLUG_FOOT3),
+    "pressure": ("atmosphere/P-psf", units.PSF),
+    "temperature": ("atmosphere/T-R", units.RANKINE),
+    **{name: (jsbsim_xml.coefficient_property(name), 1.0) for name in COEFFICIENTS},
+}
+
+
+class _Log(jsbsim.FGLogger):
+    """JSBSim's messages on this program's log; by default it prints them on standard output."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._level = jsbsim.LogLevel.BULK
+        self._text: list[str] = []
+
+    def set_level(self, level: jsbsim.LogLevel) -> None:
+        self._level = level
+        self._text = []
+
+    def file_location(self, filename: str, line: int) -> None:
+        self._text.append(f"{filename}:{line}: ")
+
+    def message(self, message: str) -> None:
+        self._text.append(message)
+
+    def format(self, format: jsbsim.LogFormat) -> None:
+        pass
+
+    def flush(self) -> None:
+        grave = self._level in (jsbsim.LogLevel.ERROR, jsbsim.LogLevel.FATAL)
+        _log.log(logging.WARNING if grave else logging.DEBUG, "%s", "".join(self._text).strip())
+
+
+class JsbsimAircraft:
+    """One aircraft in JSBSim.
+
+    Args:
+        aircraft: what flies.
+        start: where it begins; the controls stand at zero and it is not in trim.
+        wind: moving air.
+        seed: of the turbulence, 0 to 2³¹ - 1.
+        step: integration step [s].
+
+    Raises:
+        UsageError: the aircraft cannot be flown; the message says why.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        *,
+        start: Start = Start(),
+        wind: Wind = Wind(),
+        seed: int = 0,
+        step: float = STEP,
+    ) -> None:
+        self.aircraft = aircraft
+        jsbsim.set_logger(_Log())
+        self._fdm = jsbsim.FGFDMExec(None)
+        self._load(jsbsim_xml.model_xml(aircraft))
+        self._fdm.set_dt(step)
+        self._fdm["simulation/randomseed"] = float(seed)
+        self._begin(start, wind)
+        node = self._node
+        self._nodes = [(key, node(path), factor) for key, (path, factor) in _STATE.items()]
+        self._controls = {
+            name: node(jsbsim_xml.control_property(name)) for name in aircraft.control_names
+        }
+        thrusters = range(len(aircraft.propulsion))
+        self._throttles = [node(jsbsim_xml.throttle_property(i)) for i in thrusters]
+        self._thrusts = [node(jsbsim_xml.thrust_property(i)) for i in thrusters]
+
+    def _load(self, text: str) -> None:
+        with tempfile.TemporaryDirectory(prefix="gcs-sysid-") as folder:
+            model = Path(folder) / "sitl"
+            model.mkdir()
+            (model / "sitl.xml").write_text(text, encoding="utf-8")
+            loaded = self._fdm.load_model_with_paths("sitl", folder, folder, folder)
+        if not loaded:
+            raise UsageError(
+                f"JSBSim refuses the model of {self.aircraft.name}; its reason is in the log"
+            )
+
+    def _begin(self, start: Start, wind: Wind) -> None:
+        fdm, heading = self._fdm, math.radians(start.heading_deg)
+        for name in ("rate/rotational", "rate/translational"):
+            fdm[f"simulation/integrator/{name}"] = ADAMS_BASHFORTH_3
+        for name in ("position/rotational", "position/translational"):
+            fdm[f"simulation/integrator/{name}"] = ADAMS_BASHFORTH_3
+        fdm["ic/lat-geod-deg"] = start.latitude_deg
+        fdm["ic/long-gc-deg"] = start.longitude_deg
+        fdm["ic/terrain-elevation-ft"] = start.elevation / units.FOOT
+        fdm["ic/h-agl-ft"] = start.height / units.FOOT
+        fdm["ic/psi-true-rad"] = heading
+        fdm["ic/theta-rad"] = math.radians(start.alpha_deg)
+        north, east, down = wind.steady
+        fdm["ic/vn-fps"] = (start.airspeed * math.cos(heading) + north) / units.FOOT
+        fdm["ic/ve-fps"] = (start.airspeed * math.sin(heading) + east) / units.FOOT
+        fdm["ic/vd-fps"] = down / units.FOOT
+        fdm.run_ic()
+        for axis, value in zip(("north", "east", "down"), wind.steady, strict=True):
+            fdm[f"atmosphere/wind-{axis}-fps"] = value / units.FOOT
+        if wind.gust > 0.0:
+            fdm["atmosphere/turb-type"] = MILSPEC
+            fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = (
+                10.0 * wind.gust / units.FOOT
+            )
+            # Below the ceiling any index but 0 (off) gives the same.
+            fdm["atmosphere/turbulence/milspec/severity"] = 3
+
+    def _node(self, path: str) -> jsbsim.FGPropertyNode:
+        node = self._fdm.get_property_manager().get_node(path)
+        if node is None:
+            raise KeyError(f"JSBSim has no property {path}")
+        return node
+
+    def advance(self, controls: Mapping[str, float], throttles: list[float]) -> None:
+        """Take one step; `controls` [rad] and `throttles` (0 to 1) are those at its end."""
+        for name, value in controls.items():
+            self._controls[name].set_double_value(value)
+        for node, value in zip(self._throttles, throttles, strict=True):
+            node.set_double_value(value)
+        self._fdm.run()
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._fdm.get_sim_time()
+
+    def state(self) -> State:
+        """Everything at the present instant."""
+        return State(**{key: node.get_double_value() * factor for key, node, factor in self._nodes})
+
+    def thrusts(self) -> list[float]:
+        """Thrust of each thruster [N]."""
+        return [node.get_double_value() for node in self._thrusts]

@@ -1,0 +1,305 @@
+"""Flies a plan faster than real time and keeps what a ground station would have recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import UsageError
+from gcs_sysid.sitl import telemetry
+from gcs_sysid.sitl.autopilot import PERIOD, Autopilot, Memory, autopilot, neutral, outputs
+from gcs_sysid.sitl.inputs import THROTTLE, signal
+from gcs_sysid.sitl.jsbsim_aircraft import (
+    STEP,
+    TURBULENCE_CEILING,
+    JsbsimAircraft,
+    Start,
+    State,
+    Wind,
+)
+from gcs_sysid.sitl.link import Frame, Link, Transmitter, tlog
+from gcs_sysid.sitl.plan import Leg
+from gcs_sysid.sitl.sensors import Measurement, Noise, Sensors
+from gcs_sysid.sitl.servo import Actuator, surface, throttle
+
+SETTLE = 20.0
+"""Flown before the recording begins, so that the autopilot has found its trim [s]."""
+
+_STATE_COLUMNS = (
+    *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
+    *("v_north", "v_east", "v_down", "wind_north", "wind_east", "wind_down"),
+)
+_COEFFICIENT_COLUMNS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+_ATTITUDE_COLUMNS = ("phi", "theta", "psi")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight to fly.
+
+    Attributes:
+        believed: the aircraft as its file describes it; the autopilot's gains come from it.
+        flown: the aircraft that really flies.
+        legs: the plan.
+        wind: moving air.
+        start: where it begins.
+        noise: of the sensors.
+        link: the radio.
+        seed: of everything random, 0 to 2³¹ - 1.
+        epoch_us: wall time at which the recording begins [µs since 1970].
+    """
+
+    believed: Aircraft
+    flown: Aircraft
+    legs: tuple[Leg, ...]
+    wind: Wind = field(default_factory=Wind)
+    start: Start = field(default_factory=Start)
+    noise: Noise = field(default_factory=Noise)
+    link: Link = field(default_factory=Link)
+    seed: int = 0
+    epoch_us: int = 1_790_000_000_000_000
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording [s]."""
+        return sum(leg.duration for leg in self.legs)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened, one row a tick: SI, rad, `t` in s after `t0_us`.
+
+    `p q r` are inertial, `p_air …` what the aerodynamics feel, `wind_*` with gusts, `V` true
+    airspeed; controls are where the surfaces stood.
+    """
+
+    columns: tuple[str, ...]
+    rows: Float[np.ndarray, "tick column"]
+    t0_us: int
+
+    def column(self, name: str) -> Float[np.ndarray, " tick"]:
+        """One column."""
+        return self.rows[:, self.columns.index(name)]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A flown flight: frames as received, the truth, and how many messages were sent."""
+
+    frames: tuple[Frame, ...]
+    truth: Truth
+    sent: int
+
+
+def run(
+    flight: Flight,
+    *,
+    record: Path,
+    truth: Path | None = None,
+    truth_rate: int = telemetry.TICK_RATE,
+    progress: Callable[[float], None] | None = None,
+) -> Flown:
+    """Fly, and write the recording and, where asked, the truth.
+
+    Args:
+        flight: what to fly.
+        record: .tlog to write.
+        truth: .npz to write: `rows`, `cols`, `t0_us`; single precision below the full rate.
+        truth_rate: rows a second in that file, a divisor of 50.
+        progress: called with the seconds flown, once a second of flight.
+
+    Returns:
+        The flight, with the truth at its full rate.
+
+    Raises:
+        UsageError: the flight cannot be flown.
+    """
+    flown = fly(flight, progress=progress)
+    record.write_bytes(tlog(flown.frames))
+    if truth is not None:
+        save_truth(flown.truth, truth, rate=truth_rate)
+    return flown
+
+
+def save_truth(truth: Truth, path: Path, *, rate: int = telemetry.TICK_RATE) -> None:
+    """Write the truth as .npz: `rows`, `cols`, `t0_us`."""
+    if telemetry.TICK_RATE % rate:
+        raise UsageError(f"truth at {rate} Hz: `rate` must divide {telemetry.TICK_RATE}")
+    rows = truth.rows[:: telemetry.TICK_RATE // rate]
+    if rate < telemetry.TICK_RATE:
+        rows = rows.astype(np.float32)
+    np.savez_compressed(path, rows=rows, cols=np.array(truth.columns), t0_us=np.array(truth.t0_us))
+
+
+def fly(flight: Flight, *, progress: Callable[[float], None] | None = None) -> Flown:
+    """Fly a flight in memory; see `run`."""
+    _check(flight)
+    vehicle = _Vehicle(flight)
+    for tick in range(-round(SETTLE / PERIOD), 0):
+        vehicle.tick(tick, flight.legs[0], {})
+    vehicle.connect()
+    tick = 0
+    for leg in flight.legs:
+        vehicle.announce(leg, tick)
+        tests = [(test.control, signal(test)) for test in leg.inputs]
+        for i in range(round(leg.duration / PERIOD)):
+            added: dict[str, float] = {}
+            for control, value in tests:
+                added[control] = added.get(control, 0.0) + value(i * PERIOD)
+            vehicle.tick(tick, leg, added)
+            tick += 1
+            if progress is not None and tick % telemetry.TICK_RATE == 0:
+                progress(tick * PERIOD)
+    return vehicle.flown()
+
+
+def _check(flight: Flight) -> None:
+    if not flight.legs:
+        raise UsageError("the flight plan has no leg; give it at least one")
+    known = {*flight.believed.control_names, THROTTLE}
+    for leg in flight.legs:
+        unknown = [test.control for test in leg.inputs if test.control not in known]
+        if unknown:
+            raise UsageError(
+                f"leg `{leg.name}`: no control `{unknown[0]}`; there are {', '.join(sorted(known))}"
+            )
+    highest = flight.start.elevation + max(leg.height for leg in flight.legs)
+    if flight.wind.gust > 0.0 and highest > TURBULENCE_CEILING - 30.0:
+        raise UsageError(
+            f"turbulence is set by `gust` only below {TURBULENCE_CEILING:.0f} m above sea level, "
+            f"the plan reaches {highest:.0f} m; fly lower"
+        )
+
+
+class _Vehicle:
+    """Aircraft, sensors, autopilot and radio, run together tick by tick."""
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
+        sensors, link = np.random.SeedSequence(flight.seed).spawn(2)
+        self._aircraft = JsbsimAircraft(
+            flight.flown, start=flight.start, wind=flight.wind, seed=flight.seed
+        )
+        self._sensors = Sensors(
+            flight.flown,
+            flight.noise,
+            elevation=flight.start.elevation,
+            generator=np.random.default_rng(sensors),
+        )
+        self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
+        self._actuators = _Actuators(flight.flown)
+        self._autopilots: dict[float, Autopilot] = {}
+        self._memory = Memory()
+        self._used = 0.0
+        self._rows: list[list[float]] = []
+
+    def tick(self, tick: int, leg: Leg, added: Mapping[str, float]) -> None:
+        """Sense, command, send, then move on by one period."""
+        state = self._aircraft.state()
+        measurement = self._sensors.measure(state)
+        commands = self._command(measurement, leg, added)
+        pulses = outputs(self._flight.believed, commands)
+        power = min(max(commands[THROTTLE], 0.0), 1.0)
+        self._used += telemetry.current(power) * PERIOD / 3600.0
+        if tick >= 0:
+            self._rows.append(self._truth_row(tick, state))
+            self._send(
+                telemetry.Snapshot(
+                    tick, self._flight.epoch_us, measurement, pulses, power, self._used
+                )
+            )
+        self._move(pulses)
+
+    def connect(self) -> None:
+        """Send what a ground station asks for when it connects."""
+        for message in telemetry.parameters(self._flight.believed):
+            self._transmitter.send(message, self._flight.epoch_us, reliable=True)
+
+    def announce(self, leg: Leg, tick: int) -> None:
+        """Tell the ground which leg begins."""
+        unix_us = self._flight.epoch_us + round(tick * PERIOD * 1e6)
+        self._transmitter.send(telemetry.text(f"Leg: {leg.name}"), unix_us)
+
+    def flown(self) -> Flown:
+        """What has been flown so far."""
+        columns = (
+            "t",
+            *_STATE_COLUMNS,
+            "thrust",
+            *_COEFFICIENT_COLUMNS,
+            *self._flight.flown.control_names,
+            *_ATTITUDE_COLUMNS,
+        )
+        truth = Truth(columns, np.array(self._rows), self._flight.epoch_us)
+        return Flown(tuple(self._transmitter.received()), truth, self._transmitter.sent)
+
+    def _command(
+        self, measurement: Measurement, leg: Leg, added: Mapping[str, float]
+    ) -> dict[str, float]:
+        if leg.airspeed not in self._autopilots:
+            self._autopilots[leg.airspeed] = autopilot(self._flight.believed, leg.airspeed)
+        pilot = self._autopilots[leg.airspeed]
+        commands, self._memory = pilot.command(self._memory, measurement.sensed(), leg)
+        return {
+            name: commands.get(name, 0.0) + added.get(name, 0.0)
+            for name in (*self._flight.believed.control_names, THROTTLE)
+        }
+
+    def _send(self, snapshot: telemetry.Snapshot) -> None:
+        vanes = self._flight.flown.vanes is not None
+        for message in telemetry.messages(snapshot, vanes=vanes):
+            self._transmitter.send(message, snapshot.unix_us)
+
+    def _truth_row(self, tick: int, state: State) -> list[float]:
+        return [
+            tick * PERIOD,
+            *(getattr(state, name) for name in _STATE_COLUMNS),
+            sum(self._aircraft.thrusts()),
+            *(getattr(state, name) for name in _COEFFICIENT_COLUMNS),
+            *self._actuators.controls().values(),
+            *(getattr(state, name) for name in _ATTITUDE_COLUMNS),
+        ]
+
+    def _move(self, pulses: Mapping[int, int]) -> None:
+        now = self._aircraft.time
+        self._actuators.command(now, pulses)
+        for step in range(1, round(PERIOD / STEP) + 1):
+            throttles = self._actuators.advance(now + step * STEP)
+            self._aircraft.advance(self._actuators.controls(), throttles)
+
+
+class _Actuators:
+    """All servos and motors of an aircraft, at rest to begin with."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._servos = [
+            (servo.channel, servo.surface, surface(servo, start=neutral(servo)))
+            for servo in aircraft.servos
+        ]
+        self._motors: list[tuple[int, Actuator]] = [
+            (thruster.throttle_channel, throttle(thruster, start=thruster.pwm[0]))
+            for thruster in aircraft.propulsion
+        ]
+        self._mix = [(control.name, tuple(control.mix.items())) for control in aircraft.controls]
+
+    def command(self, time: float, pulses: Mapping[int, int]) -> None:
+        for channel, _, actuator in self._servos:
+            actuator.command(time, pulses[channel])
+        for channel, actuator in self._motors:
+            actuator.command(time, pulses[channel])
+
+    def advance(self, time: float) -> list[float]:
+        """Move all to `time` [s]; returns the throttles."""
+        for _, _, actuator in self._servos:
+            actuator.advance(time)
+        return [actuator.advance(time) for _, actuator in self._motors]
+
+    def controls(self) -> dict[str, float]:
+        """Where the controls stand [rad]."""
+        at = {name: actuator.position for _, name, actuator in self._servos}
+        return {name: sum(gain * at[surface] for surface, gain in mix) for name, mix in self._mix}

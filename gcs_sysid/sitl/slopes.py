@@ -1,0 +1,103 @@
+"""First-order behaviour of an aircraft, for gains, pulse widths and amplitudes.
+
+Not good for anything else: slopes at zero angles, constant density, one control an axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import UsageError
+
+SEA_LEVEL_DENSITY = 1.225
+"""ICAO standard atmosphere [kg/m³]."""
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Angular acceleration by state and control at one airspeed.
+
+    `*_damping` [1/s] by the axis's own rate, `*_stiffness` [1/s²] by alpha or beta, `*_control`
+    [1/s²] by the control with the most effect on that axis; `lift` [1/s] is how fast lift turns the
+    flight path per rad of alpha. `yaw_name` is None without a control beside the one for roll.
+    """
+
+    airspeed: float
+    roll_name: str
+    roll_control: float
+    roll_damping: float
+    pitch_name: str
+    pitch_control: float
+    pitch_damping: float
+    pitch_stiffness: float
+    lift: float
+    yaw_name: str | None
+    yaw_control: float
+    yaw_stiffness: float
+
+    @property
+    def short_period(self) -> float:
+        """Undamped frequency of the short period [rad/s]."""
+        return math.sqrt(max(-self.pitch_stiffness - self.pitch_damping * self.lift, 1.0))
+
+    @property
+    def dutch_roll(self) -> float:
+        """Undamped frequency of the Dutch roll [rad/s]."""
+        return math.sqrt(max(self.yaw_stiffness, 1.0))
+
+
+def slopes(aircraft: Aircraft, airspeed: float) -> Slopes:
+    """Slopes at an equivalent airspeed [m/s].
+
+    Raises:
+        UsageError: no control moves the aircraft in pitch, or none in roll.
+    """
+    mass, geometry = aircraft.mass, aircraft.geometry
+    qbar = 0.5 * SEA_LEVEL_DENSITY * airspeed**2
+    force = qbar * geometry.wing_area
+    roll = force * geometry.wing_span / mass.Ixx
+    pitch = force * geometry.mean_chord / mass.Iyy
+    yaw = force * geometry.wing_span / mass.Izz
+    half_span = 0.5 * geometry.wing_span / airspeed
+    half_chord = 0.5 * geometry.mean_chord / airspeed
+    pitch_name = _strongest(aircraft, "Cm")
+    roll_name = _strongest(aircraft, "Cl")
+    if pitch_name is None or roll_name is None:
+        raise UsageError(
+            f"{aircraft.name}: no control acts in {'Cm' if pitch_name is None else 'Cl'}; the "
+            "autopilot needs one for pitch and one for roll in `[aerodynamics]`"
+        )
+    yaw_name = _strongest(aircraft, "Cn", other_than=roll_name)
+    return Slopes(
+        airspeed=airspeed,
+        roll_name=roll_name,
+        roll_control=roll * slope(aircraft, "Cl", roll_name),
+        roll_damping=roll * half_span * slope(aircraft, "Cl", "phat"),
+        pitch_name=pitch_name,
+        pitch_control=pitch * slope(aircraft, "Cm", pitch_name),
+        pitch_damping=pitch * half_chord * slope(aircraft, "Cm", "qhat"),
+        pitch_stiffness=pitch * slope(aircraft, "Cm", "alpha"),
+        lift=-force * slope(aircraft, "CZ", "alpha") / (mass.mass * airspeed),
+        yaw_name=yaw_name,
+        yaw_control=yaw * slope(aircraft, "Cn", yaw_name) if yaw_name else 0.0,
+        yaw_stiffness=yaw * slope(aircraft, "Cn", "beta"),
+    )
+
+
+def slope(aircraft: Aircraft, coefficient: str, key: str) -> float:
+    """The linear term of a coefficient, 0 where the file has none."""
+    model = aircraft.aerodynamics.get(coefficient)
+    value = model.terms.get(key) if model else None
+    return value.value if value else 0.0
+
+
+def _strongest(aircraft: Aircraft, coefficient: str, *, other_than: str = "") -> str | None:
+    candidates = {
+        name: abs(slope(aircraft, coefficient, name))
+        for name in aircraft.control_names
+        if name != other_than
+    }
+    best = max(candidates, key=lambda name: candidates[name], default=None)
+    return best if best is not None and candidates[best] > 0.0 else None

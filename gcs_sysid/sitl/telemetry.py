@@ -1,0 +1,259 @@
+"""What the vehicle sends: MAVLink 2 messages at their own rates, in the fields' own resolution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.sitl.autopilot import GRAVITY, neutral
+from gcs_sysid.sitl.sensors import Measurement
+
+Message = mavlink.MAVLink_message
+
+TICK_RATE = 50
+"""Rate of the vehicle's main loop [Hz]; stream rates divide it."""
+
+RATES: Mapping[str, int] = {
+    "SYSTEM_TIME": 1,
+    "HEARTBEAT": 1,
+    "BATTERY_STATUS": 1,
+    "ATTITUDE": 50,
+    "RAW_IMU": 50,
+    "SERVO_OUTPUT_RAW": 50,
+    "VFR_HUD": 25,
+    "SCALED_PRESSURE": 25,
+    "AOA_SSA": 25,
+    "GLOBAL_POSITION_INT": 10,
+}
+"""Message rates [Hz] that a ground station asks for on a good link."""
+
+BOOT_BEFORE_RECORDING = 93.0
+"""How long the vehicle has been switched on when the recording begins [s]."""
+
+AUTO_MODE = 10
+"""Custom mode of an ArduPlane that flies its plan (AUTO)."""
+
+_SERVO_FUNCTIONS = {"aileron": 4, "elevator": 19, "rudder": 21, "flap": 2}
+"""ArduPlane's SERVOn_FUNCTION by the first word of a surface's name."""
+_THROTTLE_FUNCTION = 70
+
+_CELLS = 3
+_FULL_CELL, _EMPTY_CELL, _CAPACITY_AH, _FULL_CURRENT = 4.15, 3.4, 3.2, 32.0
+"""A small lithium battery [V, V, A·h, A at full throttle]: plausible numbers, no model."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One tick of the vehicle: what was measured and what was commanded.
+
+    Attributes:
+        tick: since the recording began.
+        epoch_us: wall time of tick 0 [µs since 1970].
+        measurement: of this tick.
+        pulses: [µs] by output channel.
+        throttle: commanded, 0 to 1.
+        used: charge taken from the battery [A·h].
+    """
+
+    tick: int
+    epoch_us: int
+    measurement: Measurement
+    pulses: Mapping[int, int] = field(default_factory=dict)
+    throttle: float = 0.0
+    used: float = 0.0
+
+    @property
+    def boot_us(self) -> int:
+        """Time since boot [µs]."""
+        return round(BOOT_BEFORE_RECORDING * 1e6) + self.tick * (1_000_000 // TICK_RATE)
+
+    @property
+    def boot_ms(self) -> int:
+        """Time since boot [ms]."""
+        return self.boot_us // 1000
+
+    @property
+    def unix_us(self) -> int:
+        """Wall time [µs since 1970]."""
+        return self.epoch_us + self.tick * (1_000_000 // TICK_RATE)
+
+
+def current(throttle: float) -> float:
+    """Battery current at a throttle setting [A]."""
+    return 0.6 + _FULL_CURRENT * throttle**2
+
+
+def messages(snapshot: Snapshot, *, vanes: bool) -> Iterable[Message]:
+    """The messages due at a tick, in the order in which they are sent."""
+    for name, rate in RATES.items():
+        if snapshot.tick % (TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
+            yield _BUILDERS[name](snapshot)
+
+
+def parameters(aircraft: Aircraft) -> list[Message]:
+    """What a ground station downloads on connection: the parameters that describe the outputs."""
+    values: dict[str, float] = {"SYSID_THISMAV": 1.0, "ARSPD_USE": 1.0}
+    for servo in aircraft.servos:
+        word = servo.surface.split("_", maxsplit=1)[0]
+        values |= _output_parameters(
+            servo.channel, servo.pwm, _SERVO_FUNCTIONS.get(word, 0), neutral(servo)
+        )
+    for thruster in aircraft.propulsion:
+        channel, pwm = thruster.throttle_channel, thruster.pwm
+        values |= _output_parameters(channel, pwm, _THROTTLE_FUNCTION, pwm[0])
+    return [
+        mavlink.MAVLink_param_value_message(
+            name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, len(values), index
+        )
+        for index, (name, value) in enumerate(values.items())
+    ]
+
+
+def text(content: str) -> Message:
+    """A status text; what does not fit into one message is cut."""
+    return mavlink.MAVLink_statustext_message(
+        mavlink.MAV_SEVERITY_INFO, content.encode("ascii", "replace")[:50]
+    )
+
+
+def _output_parameters(
+    channel: int, pwm: tuple[float, ...], function: int, trim: float
+) -> dict[str, float]:
+    return {
+        f"SERVO{channel}_FUNCTION": float(function),
+        f"SERVO{channel}_MIN": float(min(pwm)),
+        f"SERVO{channel}_MAX": float(max(pwm)),
+        f"SERVO{channel}_TRIM": float(round(trim)),
+        f"SERVO{channel}_REVERSED": 0.0,
+    }
+
+
+def _heartbeat(snapshot: Snapshot) -> Message:
+    mode = (
+        mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+    )
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_FIXED_WING,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        mode,
+        AUTO_MODE,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )
+
+
+def _system_time(snapshot: Snapshot) -> Message:
+    return mavlink.MAVLink_system_time_message(snapshot.unix_us, snapshot.boot_ms)
+
+
+def _attitude(snapshot: Snapshot) -> Message:
+    roll, pitch, yaw = snapshot.measurement.attitude
+    return mavlink.MAVLink_attitude_message(
+        snapshot.boot_ms,
+        roll,
+        pitch,
+        math.remainder(yaw, 2.0 * math.pi),
+        *snapshot.measurement.rates,
+    )
+
+
+def _raw_imu(snapshot: Snapshot) -> Message:
+    measurement = snapshot.measurement
+    acceleration = [_int16(f / GRAVITY * 1e3) for f in measurement.specific_force]
+    rates = [_int16(rate * 1e3) for rate in measurement.rates]
+    return mavlink.MAVLink_raw_imu_message(
+        snapshot.boot_us, *acceleration, *rates, 0, 0, 0, 0, 4500
+    )
+
+
+def _servo_output_raw(snapshot: Snapshot) -> Message:
+    pulses = [snapshot.pulses.get(channel, 0) for channel in range(1, 17)]
+    # Its time is 32 bit and wraps after 71 minutes.
+    return mavlink.MAVLink_servo_output_raw_message(snapshot.boot_us % 2**32, 0, *pulses)
+
+
+def _vfr_hud(snapshot: Snapshot) -> Message:
+    measurement = snapshot.measurement
+    north, east, down = measurement.velocity
+    return mavlink.MAVLink_vfr_hud_message(
+        measurement.indicated_airspeed,
+        math.hypot(north, east),
+        int(math.degrees(measurement.attitude[2])) % 360,
+        round(100.0 * snapshot.throttle),
+        measurement.altitude,
+        -down,
+    )
+
+
+def _scaled_pressure(snapshot: Snapshot) -> Message:
+    measurement = snapshot.measurement
+    celsius = round((measurement.temperature - 273.15) * 100.0)
+    return mavlink.MAVLink_scaled_pressure_message(
+        snapshot.boot_ms,
+        measurement.static_pressure / 100.0,
+        measurement.dynamic_pressure / 100.0,
+        celsius,
+        celsius,
+    )
+
+
+def _aoa_ssa(snapshot: Snapshot) -> Message:
+    measurement = snapshot.measurement
+    return mavlink.MAVLink_aoa_ssa_message(
+        snapshot.boot_us, math.degrees(measurement.alpha), math.degrees(measurement.beta)
+    )
+
+
+def _global_position_int(snapshot: Snapshot) -> Message:
+    measurement = snapshot.measurement
+    return mavlink.MAVLink_global_position_int_message(
+        snapshot.boot_ms,
+        round(math.degrees(measurement.latitude) * 1e7),
+        round(math.degrees(measurement.longitude) * 1e7),
+        round(measurement.altitude * 1e3),
+        round(measurement.height * 1e3),
+        *(_int16(v * 1e2) for v in measurement.velocity),
+        round(math.degrees(measurement.attitude[2]) * 1e2) % 36000,
+    )
+
+
+def _battery_status(snapshot: Snapshot) -> Message:
+    left = 1.0 - snapshot.used / _CAPACITY_AH
+    cell = _EMPTY_CELL + (_FULL_CELL - _EMPTY_CELL) * left - 0.008 * current(snapshot.throttle)
+    voltages = [round(cell * 1e3)] * _CELLS + [65535] * (10 - _CELLS)
+    return mavlink.MAVLink_battery_status_message(
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_ALL,
+        mavlink.MAV_BATTERY_TYPE_LIPO,
+        2800,
+        voltages,
+        round(current(snapshot.throttle) * 1e2),
+        round(snapshot.used * 1e3),
+        -1,
+        max(0, round(100.0 * left)),
+    )
+
+
+_BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
+    "SYSTEM_TIME": _system_time,
+    "HEARTBEAT": _heartbeat,
+    "BATTERY_STATUS": _battery_status,
+    "ATTITUDE": _attitude,
+    "RAW_IMU": _raw_imu,
+    "SERVO_OUTPUT_RAW": _servo_output_raw,
+    "VFR_HUD": _vfr_hud,
+    "SCALED_PRESSURE": _scaled_pressure,
+    "AOA_SSA": _aoa_ssa,
+    "GLOBAL_POSITION_INT": _global_position_int,
+}
+
+
+def _int16(value: float) -> int:
+    return min(max(round(value), -32768), 32767)
