@@ -11,7 +11,9 @@ import difflib
 import re
 import tempfile
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.aircraft_toml.aerodynamics import read_aerodynamics
@@ -82,6 +84,22 @@ def loads(text: str, *, name: str = "aircraft file") -> Aircraft:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(text, str(error), name) from error
+    return from_table(data, name=name)
+
+
+def from_table(data: Mapping[str, Any], *, name: str = "aircraft file") -> Aircraft:
+    """Read an aircraft from a TOML document that is parsed already.
+
+    Args:
+        data: the document as TOML's parser gives it.
+        name: what messages call it.
+
+    Returns:
+        The aircraft, in SI units and radians.
+
+    Raises:
+        AircraftFileError: a key is wrong.
+    """
     return _read_aircraft(Section(name, "", data, homes=KEYS))
 
 
