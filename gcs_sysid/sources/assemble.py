@@ -67,23 +67,29 @@ def vehicles(tables: Mapping[TableKey, MessageTable]) -> list[Vehicle]:
     """Autopilots heard in a log, one a system, the one with most messages first."""
     found: dict[int, Vehicle] = {}
     for key, table in tables.items():
-        if key.name != "HEARTBEAT":
-            continue
-        autopilot = int(table.fields["autopilot"][-1])
-        kind = int(table.fields["type"][-1])
-        if autopilot == dialect.MAV_AUTOPILOT_INVALID or kind in _NOT_VEHICLES:
-            continue
         count = sum(t.count for k, t in tables.items() if k[:2] == key[:2])
+        heard = heard_vehicle(key, table, messages=count)
         seen = found.get(key.system)
-        if seen is None or count > seen.messages:
-            found[key.system] = Vehicle(
-                key.system,
-                key.component,
-                _enum("MAV_AUTOPILOT", autopilot),
-                _enum("MAV_TYPE", kind),
-                count,
-            )
+        if heard is not None and (seen is None or count > seen.messages):
+            found[key.system] = heard
     return sorted(found.values(), key=lambda v: -v.messages)
+
+
+def heard_vehicle(key: TableKey, table: MessageTable, *, messages: int = 0) -> Vehicle | None:
+    """The vehicle that a table of heartbeats tells of; None if it is no autopilot's."""
+    if key.name != "HEARTBEAT":
+        return None
+    autopilot = int(table.fields["autopilot"][-1])
+    kind = int(table.fields["type"][-1])
+    if autopilot == dialect.MAV_AUTOPILOT_INVALID or kind in _NOT_VEHICLES:
+        return None
+    return Vehicle(
+        key.system,
+        key.component,
+        _enum("MAV_AUTOPILOT", autopilot),
+        _enum("MAV_TYPE", kind),
+        messages,
+    )
 
 
 def choose(
@@ -130,10 +136,9 @@ def _instances(tables: Mapping[str, MessageTable]) -> dict[str, MessageTable]:
         if field is None:
             result[name] = table
             continue
-        instances = np.unique(table.fields[field])
-        for i, instance in enumerate(instances):
-            label = name if i == 0 else f"{name}[{instance}]"
-            result[label] = table.subset(table.fields[field] == instance)
+        numbers = table.fields[field]
+        for number in np.unique(numbers).tolist():
+            result[messages.stream_name(name, number)] = table.subset(numbers == number)
     return result
 
 

@@ -20,6 +20,8 @@ def decode(
         frames: frames of known messages.
         link_us: arrival time of each frame [µs since 1970].
     """
+    if not frames.start.size:
+        return {}
     # Both headers end in system, component and id; the id has one byte, or three.
     sender = frames.start + np.where(frames.header == 6, 3, 5)
     code = (frames.id << 16) | (data[sender].astype(np.int64) << 8) | data[sender + 1]

@@ -12,10 +12,11 @@ signature (13 bytes).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int, UInt8
+from jaxtyping import Bool, Int, UInt8
 
 from gcs_sysid.sources.checksum import checksum
 from gcs_sysid.sources.layouts import crc_extras, known_ids
@@ -76,14 +77,15 @@ class Found:
     Attributes:
         frames: proved frames in order.
         bad_crc: frames of known messages whose checksum is wrong.
-        unknown: frames of messages that no dialect defines.
+        unknown: what look like frames of messages that no dialect defines; without a definition
+            their checksum cannot prove them.
         garbage_bytes: bytes that belong to nothing.
         rest: position of a frame that the end of the data cut, or the end of the data.
     """
 
     frames: Frames
     bad_crc: int
-    unknown: int
+    unknown: Frames
     garbage_bytes: int
     rest: int
 
@@ -96,8 +98,7 @@ def search(data: Bytes, *, prefix: int = 0) -> Found:
         prefix: bytes before each frame that belong to it (8 for the stamps of a .tlog).
     """
     blocks = [
-        _proved(data, _known(_candidates(data, first)))
-        for first in range(0, max(data.size, 1), _BLOCK)
+        _proved(data, _candidates(data, first)) for first in range(0, max(data.size, 1), _BLOCK)
     ]
     frames = _apart(_joined(blocks), prefix)
     return _account(data, frames, prefix)
@@ -138,13 +139,14 @@ def _candidates(data: Bytes, first: int, last: int | None = None) -> Frames:
     return Frames(start, size, header, length, message_id)[readable & fits]
 
 
-def _known(frames: Frames) -> Frames:
+def _is_known(frames: Frames) -> Bool[np.ndarray, " frame"]:
     known = known_ids()
-    return frames[(frames.id < known.size) & known[np.minimum(frames.id, known.size - 1)]]
+    return (frames.id < known.size) & known[np.minimum(frames.id, known.size - 1)]
 
 
 def _proved(data: Bytes, frames: Frames) -> Frames:
-    """The frames whose checksum agrees."""
+    """The frames of known messages whose checksum agrees."""
+    frames = frames[_is_known(frames)]
     extras = crc_extras()[frames.id]
     body = frames.header + frames.length - 1
     good = np.zeros(frames.start.size, dtype=bool)
@@ -178,38 +180,37 @@ def _account(data: Bytes, frames: Frames, prefix: int) -> Found:
     left = np.concatenate([[0], frames.end])
     right = np.concatenate([frames.start - prefix, [data.size]])
     gaps = np.flatnonzero(right > left)
-    bad = unknown = garbage = 0
+    garbage = bad = 0
+    unknown = [frames[np.zeros(0, dtype=np.int64)]]
     rest = data.size
     for gap in gaps.tolist():
         begin, end = int(left[gap]), int(right[gap])
         if gap == frames.start.size:
             rest = _cut(data, max(begin, data.size - _LARGEST - prefix), prefix)
             end = rest
-        lost = _lost(data, begin, end, prefix)
-        bad, unknown, garbage = bad + lost[0], unknown + lost[1], garbage + lost[2]
-    return Found(frames, bad, unknown, garbage, rest)
+        for whole, damaged in _between(data, begin, end, prefix):
+            unknown.append(whole)
+            bad += damaged.start.size
+            garbage -= int(np.sum(whole.size + prefix) + np.sum(damaged.size + prefix))
+        garbage += end - begin
+    return Found(frames, bad, _joined(unknown), garbage, rest)
 
 
-def _lost(data: Bytes, begin: int, end: int, prefix: int) -> tuple[int, int, int]:
-    """Damaged frames, frames of unknown messages, and other bytes between two places."""
-    bad = unknown = 0
-    garbage = end - begin
-    known = known_ids()
+def _between(data: Bytes, begin: int, end: int, prefix: int) -> Iterator[tuple[Frames, Frames]]:
+    """Frames of unknown messages, and damaged ones, between two places, block by block."""
     free = begin + prefix
     for first in range(begin, end, _BLOCK):
         inside = _candidates(data, first, min(first + _BLOCK, end))
-        for start, size, message_id in zip(
-            inside.start.tolist(), inside.size.tolist(), inside.id.tolist(), strict=True
+        keep: list[int] = []
+        for i, (start, past) in enumerate(
+            zip(inside.start.tolist(), inside.end.tolist(), strict=True)
         ):
-            if start < free or start + size > end:
-                continue
-            free = start + size + prefix
-            garbage -= size + prefix
-            if message_id < known.size and known[message_id]:
-                bad += 1
-            else:
-                unknown += 1
-    return bad, unknown, garbage
+            if start >= free and past <= end:
+                keep.append(i)
+                free = past + prefix
+        inside = inside[np.array(keep, dtype=np.int64)]
+        known = _is_known(inside)
+        yield inside[~known], inside[known]
 
 
 def _cut(data: Bytes, begin: int, prefix: int) -> int:

@@ -360,6 +360,18 @@ INSTANCE_FIELD: Mapping[str, str] = {
 }
 """Message types sent for several sensors, and the field that tells them apart."""
 
+
+def instance(name: str, fields: Fields, row: int) -> int:
+    """Which sensor, battery or output port a message is about; 0 for types that have one only."""
+    field = INSTANCE_FIELD.get(name)
+    return 0 if field is None else int(fields[field][row])
+
+
+def stream_name(name: str, number: int) -> str:
+    """Name of the stream of one instance: the type's for the first, `TYPE[1]` for the second."""
+    return name if number == 0 else f"{name}[{number}]"
+
+
 ABSENT_IF_ALWAYS_ZERO = (
     ("p", "q", "r"),
     ("airspeed",),

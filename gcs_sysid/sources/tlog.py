@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from gcs_sysid.sources import frames
 from gcs_sysid.sources.decode import decode
+from gcs_sysid.sources.frames import Bytes, search, windows
 from gcs_sysid.sources.tables import LogTables
 
 STAMP = 8
@@ -22,22 +22,38 @@ PLAUSIBLE_US = 30 * 86400 * 1_000_000
 def read(data: bytes) -> LogTables:
     """All messages in `data`, the content of a .tlog."""
     content = np.frombuffer(data, dtype=np.uint8)
-    found = frames.search(content, prefix=STAMP)
+    found = search(content, prefix=STAMP)
     lost = {
         "bad_crc": found.bad_crc,
-        "unknown": found.unknown,
+        "unknown": found.unknown.start.size,
         "garbage_bytes": found.garbage_bytes,
         "truncated": int(found.rest < content.size),
     }
-    if not found.frames.start.size:
-        return LogTables({}, lost)
     return LogTables(decode(content, found.frames, _stamps(content, found.frames.start)), lost)
 
 
-def _stamps(content: frames.Bytes, start: Int[np.ndarray, " frame"]) -> Int[np.ndarray, " frame"]:
+def frames(data: bytes) -> list[tuple[int, bytes]]:
+    """(arrival time [µs since 1970], frame) of all messages, unknown ones too, as recorded."""
+    content = np.frombuffer(data, dtype=np.uint8)
+    found = search(content, prefix=STAMP)
+    start = np.concatenate([found.frames.start, found.unknown.start])
+    end = np.concatenate([found.frames.end, found.unknown.end])
+    sort = np.argsort(start)
+    stamps = _stamps(content, start[sort])
+    return [
+        (link_us, data[first:last])
+        for link_us, first, last in zip(
+            stamps.tolist(), start[sort].tolist(), end[sort].tolist(), strict=True
+        )
+    ]
+
+
+def _stamps(content: Bytes, start: Int[np.ndarray, " frame"]) -> Int[np.ndarray, " frame"]:
     """Arrival times; a damaged one, which no checksum protects, takes that of the frame before."""
-    raw = frames.windows(content, STAMP)[start - STAMP].view(">u8")[:, 0]
+    raw = windows(content, STAMP)[start - STAMP].view(">u8")[:, 0]
     stamps = np.minimum(raw, 2**62).astype(np.int64)
+    if not stamps.size:
+        return stamps
     sane = np.abs(stamps - np.median(stamps)) < PLAUSIBLE_US
     last_sane = np.maximum.accumulate(np.where(sane, np.arange(stamps.size), 0))
     return stamps[last_sane]

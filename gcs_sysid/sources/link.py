@@ -1,0 +1,247 @@
+"""Live links to a vehicle: UDP, TCP and serial, opened by pymavlink.
+
+The thread that reads a link does nothing but put what arrived, with its arrival time, into a
+bounded mailbox. A slow reader therefore never delays the link; what it could not take is counted.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol
+
+from pymavlink import mavutil
+
+from gcs_sysid.errors import SourceError
+
+SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
+"""Beginnings of link addresses; a serial device is a path: /dev/ttyUSB0,57600 or COM3,57600."""
+
+_LARGEST_READ = 65535
+_PATIENCE_S = 0.2
+
+
+def is_link(address: str) -> bool:
+    """Whether `address` names a live link and not a file."""
+    return address.startswith((*SCHEMES, "/dev/")) or _is_com_port(address)
+
+
+def _is_com_port(address: str) -> bool:
+    name = address.partition(",")[0]
+    return name[:3] == "COM" and name[3:].isdigit()
+
+
+class _Port(Protocol):
+    """What is used of a pymavlink connection; `port` is its socket or serial device."""
+
+    port: Any
+
+    def select(self, timeout: float) -> bool: ...
+
+    def recv(self, n: int) -> bytes | str: ...
+
+    def write(self, buf: bytes) -> object: ...
+
+    def close(self) -> None: ...
+
+
+def now_us() -> int:
+    """The ground station's clock [µs since 1970]."""
+    return time.time_ns() // 1000
+
+
+class Link:
+    """An open link. Use as a context, or call `close`.
+
+    Args:
+        address: `udp:HOST:PORT` and `udpin:` wait for a vehicle to send, `udpout:` sends first,
+            `tcp:HOST:PORT` connects; a serial device is its path, with the baud
+            rate behind a comma (default 115200).
+
+    Raises:
+        SourceError: the address is malformed, or the link cannot be opened.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._port = _open(address)
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def local_port(self) -> int:
+        """Port number of this end of an IP link; with port 0 in the address the system chose it."""
+        return int(self._port.port.getsockname()[1])
+
+    def read(self, timeout_s: float) -> bytes:
+        """What arrived, waiting for it up to `timeout_s`; empty if nothing did.
+
+        Raises:
+            SourceError: the link is broken, or the other end closed it.
+        """
+        try:
+            if not self._port.select(timeout_s):
+                return b""
+            if isinstance(self._port, mavutil.mavtcp):
+                return self._read_tcp()
+            # Where there was nothing to read, pymavlink returns an empty text.
+            data = self._port.recv(_LARGEST_READ)
+            return data if isinstance(data, bytes) else b""
+        except OSError as error:
+            raise _broken(self.address, error) from error
+
+    def _read_tcp(self) -> bytes:
+        # pymavlink prints to the terminal and sleeps when the other end closes the connection.
+        data = self._port.port.recv(_LARGEST_READ)
+        if not data:
+            raise SourceError(
+                self.address, "the other end closed the connection", fix="start it, then this again"
+            )
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes; a link that listens sends to those it has heard."""
+        self._port.write(data)
+
+    def close(self) -> None:
+        """Ends the link."""
+        self._port.close()
+
+
+def _open(address: str) -> _Port:
+    if not is_link(address):
+        raise SourceError(
+            address,
+            "is neither a link nor a serial device",
+            fix=f"begin with one of {', '.join(SCHEMES)}, or give a path as /dev/ttyUSB0,57600",
+        )
+    try:
+        # One attempt: pymavlink prints and sleeps between several.
+        return mavutil.mavlink_connection(address, retries=1)
+    except ModuleNotFoundError as error:
+        raise SourceError(
+            address, "serial links need pyserial", fix="pip install pyserial"
+        ) from error
+    except ValueError as error:
+        raise SourceError(
+            address, f"malformed address ({error})", fix="write it as udp:127.0.0.1:14550"
+        ) from error
+    except OSError as error:
+        raise _broken(address, error) from error
+
+
+def _broken(address: str, error: OSError) -> SourceError:
+    return SourceError(
+        address,
+        f"link failed ({error.strerror or error})",
+        fix="check the address, and that nothing else uses it",
+    )
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Bytes that arrived together, and when [µs since 1970]."""
+
+    data: bytes
+    link_us: int
+
+
+class Mailbox:
+    """Chunks between the link's thread and a reader: bounded, never blocking the one who puts.
+
+    Args:
+        size: chunks it holds; more that arrive meanwhile are dropped and counted.
+    """
+
+    def __init__(self, size: int = 65536) -> None:
+        self._size = size
+        self._chunks: deque[Chunk] = deque()
+        self._news = threading.Condition()
+        self._closed = False
+        self.dropped = 0
+
+    def put(self, chunk: Chunk) -> None:
+        """Adds a chunk, or counts it as dropped if there is no room."""
+        with self._news:
+            if len(self._chunks) < self._size:
+                self._chunks.append(chunk)
+            else:
+                self.dropped += 1
+            self._news.notify()
+
+    def take(self, timeout_s: float) -> list[Chunk]:
+        """All waiting chunks, waiting up to `timeout_s` for the first; empty if none came."""
+        with self._news:
+            self._news.wait_for(lambda: bool(self._chunks) or self._closed, timeout_s)
+            chunks = list(self._chunks)
+            self._chunks.clear()
+            return chunks
+
+    def close(self) -> None:
+        """Wakes up a waiting reader: nothing more will come."""
+        with self._news:
+            self._closed = True
+            self._news.notify_all()
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more will come (some may still wait to be taken)."""
+        return self._closed
+
+
+class LinkReader:
+    """Reads a link in its own thread into a mailbox. Use as a context.
+
+    Args:
+        link: an open link; it stays the caller's to close.
+        mailbox: where chunks go; closed when the link fails or this reader stops.
+        clock_us: arrival clock [µs since 1970].
+    """
+
+    def __init__(
+        self, link: Link, mailbox: Mailbox, *, clock_us: Callable[[], int] = now_us
+    ) -> None:
+        self._link = link
+        self._mailbox = mailbox
+        self._clock_us = clock_us
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="link", daemon=True)
+        self.failure: SourceError | None = None
+
+    def __enter__(self) -> LinkReader:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                data = self._link.read(_PATIENCE_S)
+                if data:
+                    self._mailbox.put(Chunk(data, self._clock_us()))
+        except SourceError as error:
+            # Raised where the chunks are taken: nobody would see it in this thread.
+            self.failure = error
+        finally:
+            self._mailbox.close()
