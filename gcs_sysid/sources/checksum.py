@@ -30,7 +30,7 @@ def _byte_table() -> UInt16[np.ndarray, " byte"]:
 
 
 def _advance(
-    crc: UInt16[np.ndarray, "*shape"], byte: UInt8[np.ndarray, "*shape"]
+    crc: UInt16[np.ndarray, "*shape"], byte: UInt8[np.ndarray, "*#shape"]
 ) -> UInt16[np.ndarray, "*shape"]:
     return (crc >> 8) ^ _byte_table()[(crc ^ byte) & 0xFF]
 

@@ -104,7 +104,7 @@ def search(data: Bytes, *, prefix: int = 0) -> Found:
     return _account(data, frames, prefix)
 
 
-def windows(data: Bytes, length: int) -> UInt8[np.ndarray, "place byte"]:
+def windows(data: Bytes, length: int) -> UInt8[np.ndarray, "place width"]:
     """View of the `length` bytes from every place on.
 
     NumPy's `sliding_window_view` takes twenty times as long to set up.
@@ -147,6 +147,8 @@ def _is_known(frames: Frames) -> Bool[np.ndarray, " frame"]:
 def _proved(data: Bytes, frames: Frames) -> Frames:
     """The frames of known messages whose checksum agrees."""
     frames = frames[_is_known(frames)]
+    if not frames.start.size:
+        return frames
     extras = crc_extras()[frames.id]
     body = frames.header + frames.length - 1
     good = np.zeros(frames.start.size, dtype=bool)
