@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from gcs_sysid.aircraft import Aircraft
@@ -72,13 +72,15 @@ class ControlHistory:
     Attributes:
         time: s after the recording's epoch.
         step: time between ticks [s].
-        since: ticks between the sample at work here and the one before it.
+        sample: number of the sample held at each tick.
+        since: ticks between that sample and the one before it.
         signals: surfaces first, then throttles.
         missing: controls of the aircraft file whose outputs are not in the log, with the channels.
     """
 
     time: Float[np.ndarray, " tick"]
     step: float
+    sample: Int[np.ndarray, " tick"]
     since: Float[np.ndarray, " tick"]
     signals: tuple[ControlSignal, ...]
     missing: Mapping[str, tuple[int, ...]]
@@ -126,7 +128,9 @@ def control_history(recording: Recording, aircraft: Aircraft | None) -> ControlH
         signals = _controls(aircraft, pwm, missing)
     else:
         signals = _outputs(recording, stream, pwm)
-    return ControlHistory(time=time, step=step, since=since, signals=signals, missing=missing)
+    return ControlHistory(
+        time=time, step=step, sample=index, since=since, signals=signals, missing=missing
+    )
 
 
 def _pulses(stream: Stream, index: np.ndarray) -> dict[int, Float[np.ndarray, " tick"]]:
@@ -245,22 +249,26 @@ def activity(values: Float[np.ndarray, " tick"], step: float) -> Float[np.ndarra
     return np.sqrt(np.maximum(mean_square, 0.0))
 
 
-def jumps(signal: ControlSignal, history: ControlHistory) -> tuple[Jump, ...]:
+def jumps(
+    signal: ControlSignal, history: ControlHistory, alone: Bool[np.ndarray, " tick"]
+) -> tuple[Jump, ...]:
     """Sudden changes that stand out of what the command does around them.
 
     A jump is a change within two ticks of more than `SMALLEST_STEP` and of eight times the local
     (one second, median) change per tick, more after lost samples: a smooth oscillation, however
-    large, has none.
+    large, has none. Where the command moves `alone` there is no feedback to tell it from, and the
+    second condition falls.
     """
     values = signal.values
     if values.size < 8:
         return ()
-    change = np.abs(np.diff(values, append=values[-1:]))
+    change = pace(values, history)
     usual = 1.4826 * ndimage.median_filter(change, max(5, round(1.0 / history.step) | 1))
     lost = ndimage.maximum_filter1d(np.maximum(history.since, 1.0), 3)
     across = np.zeros_like(values)
     across[1:-1] = values[2:] - values[:-2]
-    candidate = np.abs(across) > np.maximum(SMALLEST_STEP, 8.0 * usual * lost)
+    background = np.where(alone, 0.0, 8.0 * usual * lost)
+    candidate = np.abs(across) > np.maximum(SMALLEST_STEP, background)
     found = []
     for sign in (1.0, -1.0):
         labels, count = ndimage.label(candidate & (np.sign(across) == sign))
@@ -270,6 +278,13 @@ def jumps(signal: ControlSignal, history: ControlHistory) -> tuple[Jump, ...]:
             size = float(values[last] - values[first])
             found.append(Jump(float(history.time[middle]), size))
     return _without_echoes(sorted(found, key=lambda jump: jump.time))
+
+
+def pace(values: Float[np.ndarray, " tick"], history: ControlHistory) -> Float[np.ndarray, " tick"]:
+    """Change per tick, that of a lost stretch spread over it."""
+    _, first, which = np.unique(history.sample, return_index=True, return_inverse=True)
+    change = np.abs(np.diff(values[first])) / np.maximum(history.since[first[1:]], 1.0)
+    return np.append(change, 0.0)[which]
 
 
 def _without_echoes(found: list[Jump]) -> tuple[Jump, ...]:

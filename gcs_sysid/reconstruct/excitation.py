@@ -23,6 +23,7 @@ from gcs_sysid.reconstruct.control_history import (
     activity,
     frozen,
     jumps,
+    pace,
 )
 
 LONGEST_HOLD = 2.5
@@ -58,12 +59,13 @@ def excitations(
         inside[history.span(start, end)] = True
     if inside.sum() * history.step < SHORTEST_SMOOTH:
         return ()
+    alone = _alone(history, inside)
     stepped = [
         Excitation(kind, first - LEAD, last + SETTLING, (signal.name,))
         for signal in history.signals
-        for kind, first, last in _stepped(signal, history)
+        for kind, first, last in _stepped(signal, history, alone[signal.name])
     ]
-    smooth = _smooth(history, inside)
+    smooth = _smooth(history, inside, alone)
     stepped = [item for item in stepped if not _swallowed(item, smooth)]
     smooth = [item for item in smooth if _covered(item, stepped) < 0.5]
     clipped = [part for item in (*stepped, *smooth) if (part := _clip(item, airborne)) is not None]
@@ -74,7 +76,7 @@ def _swallowed(item: Excitation, smooth: list[Excitation]) -> bool:
     """Whether a stepped input is only a few steps of a much longer smooth one."""
     middle = 0.5 * (item.start + item.end)
     return any(
-        other.start < middle < other.end and other.end - other.start > 2.0 * (item.end - item.start)
+        other.start < middle < other.end and other.end - other.start > 1.5 * (item.end - item.start)
         for other in smooth
     )
 
@@ -116,12 +118,28 @@ def _apart(items: list[Excitation]) -> tuple[Excitation, ...]:
     return tuple(result)
 
 
-def _stepped(signal: ControlSignal, history: ControlHistory) -> list[tuple[str, float, float]]:
+def _alone(
+    history: ControlHistory, inside: Bool[np.ndarray, " tick"]
+) -> dict[str, Bool[np.ndarray, " tick"]]:
+    """By control, where all others that usually move (two at least) stand still."""
+    still = {s.name: frozen(s.values, history.step) for s in history.signals}
+    moving = [name for name, ticks in still.items() if ticks[inside].mean() < 0.98]
+    result = {}
+    for signal in history.signals:
+        others = [still[name] for name in moving if name != signal.name]
+        quiet = np.all(others, axis=0) if len(others) >= 2 else np.zeros_like(inside)
+        result[signal.name] = inside & quiet
+    return result
+
+
+def _stepped(
+    signal: ControlSignal, history: ControlHistory, alone: Bool[np.ndarray, " tick"]
+) -> list[tuple[str, float, float]]:
     """Stepped inputs of one control: kind, first and last jump [s]."""
     longest = LONGEST_THROTTLE_HOLD if signal.throttle else LONGEST_HOLD
     group: list[Jump] = []
     groups = [group]
-    for jump in jumps(signal, history):
+    for jump in jumps(signal, history, alone):
         if group and jump.time - group[-1].time > longest:
             group = []
             groups.append(group)
@@ -180,28 +198,30 @@ def _held(
 
     Feedback may pull a surface away; a throttle stands still, before the first jump too.
     """
-    allowed = (0.05 if signal.throttle else 0.8) * largest
     edges = [times[0] - 0.8, *times, times[-1] + 0.3] if signal.throttle else list(times)
-    for start, end in itertools.pairwise(edges):
-        level = signal.values[history.span(start + 2.0 * history.step, end - 2.0 * history.step)]
-        if level.size and np.ptp(level) > allowed:
-            return False
-    return True
+    spans = [
+        history.span(start + 2.0 * history.step, end - 2.0 * history.step)
+        for start, end in itertools.pairwise(edges)
+    ]
+    drifts = [float(np.ptp(signal.values[s])) / largest if s.stop > s.start else 0.0 for s in spans]
+    if signal.throttle:
+        return max(drifts) < 0.05
+    return max(drifts) < 0.8 and float(np.median(drifts)) < 0.45
 
 
-def _smooth(history: ControlHistory, inside: Bool[np.ndarray, " tick"]) -> list[Excitation]:
+def _smooth(
+    history: ControlHistory,
+    inside: Bool[np.ndarray, " tick"],
+    alone: dict[str, Bool[np.ndarray, " tick"]],
+) -> list[Excitation]:
     """Multisines and sweeps."""
-    still = {s.name: frozen(s.values, history.step) for s in history.signals}
-    moving = [s for s in history.signals if still[s.name][inside].mean() < 0.98]
     levels = {s.name: activity(s.values, history.step) for s in history.surfaces}
     spans: list[tuple[float, float, float]] = []
     for signal in history.surfaces:
         level = levels[signal.name]
         usual = max(float(np.percentile(level[inside], 20.0)), SMALLEST_ACTIVITY / 3.0)
-        others = [still[other.name] for other in moving if other.name != signal.name]
-        if len(others) >= 2:
-            alone = inside & (level > SMALLEST_ACTIVITY) & np.all(others, axis=0)
-            spans += _even(signal, alone, level, usual, 0.0, history)
+        unaided = alone[signal.name] & (level > SMALLEST_ACTIVITY)
+        spans += _even(signal, unaided, level, usual, 0.0, history)
         spans += _even(signal, inside & (level > 3.0 * usual), level, usual, 10.0, history)
     return [_described(span, levels, history) for span in _clearest(spans)]
 
@@ -237,6 +257,8 @@ def _even(
         values = signal.values[history.span(start, end)]
         over = float(np.mean(inner)) / usual
         spread, peak = _spread(inner), _peak_factor(values, history.step)
+        if np.mean(pace(signal.values, history)[history.span(start, end)] > 0.0) < 0.5:
+            continue  # steps with holds between them
         even = over > least and spread < 0.36 and peak < 2.2
         if even or (over > 5.0 and spread < 0.45 and peak < 2.8 and switched(start, end)):
             found.append((start, end, over))

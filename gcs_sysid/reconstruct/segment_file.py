@@ -1,8 +1,8 @@
 """The editable list of maneuvers: JSON as `inspect` writes it, as a person may change it.
 
 An entry may be deleted, shifted, given another kind, or told `"use": false` (left out altogether)
-or `"held_out": true` or `false`. Times may be given on the log's clock (`start_us`, `end_us`) or from
-its start (`start_s`, `duration_s`); where both stand they must agree.
+or `"held_out": true` or `false`. Times may be given on the log's clock (`start_us`, `end_us`) or
+from its start (`start_s`, `duration_s`); where both stand they must agree.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from gcs_sysid.errors import InputError
@@ -131,7 +132,16 @@ def _segment(entry: Mapping[str, Any], where: str, name: str, epoch_us: int) -> 
             f"{name}: {where}", f"ends {start - end:g} s before it starts", fix="mend its times"
         )
     identifier = -1 if number is None else number
-    return where, Segment(identifier, str(kind), start, end, tuple(controls), held_out=held_out)
+    speed = _number(entry, "airspeed_mean", where, name)
+    return where, Segment(
+        identifier,
+        str(kind),
+        start,
+        end,
+        tuple(controls),
+        math.nan if speed is None else speed,
+        held_out,
+    )
 
 
 def _time(
@@ -174,7 +184,7 @@ def _check_apart(found: list[tuple[str, Segment]], name: str, last: float) -> No
         if segment.start < -_SAME_TIME or segment.end > last + _SAME_TIME:
             raise InputError(
                 f"{name}: {where}",
-                f"{segment.start:.3f} to {segment.end:.3f} s lies outside the log (0 to {last:.3f} s)",
+                f"{segment.start:.1f} to {segment.end:.1f} s is not within 0 to {last:.1f} s",
                 fix="mend its times, or give the log that this list was made for",
             )
     for (first_where, first), (where, segment) in itertools.pairwise(found):
@@ -192,16 +202,5 @@ def _numbered(found: list[tuple[str, Segment]], name: str) -> tuple[Segment, ...
         raise InputError(name, "two maneuvers have the same `id`", fix="make ids unique")
     free = (number for number in itertools.count(1) if number not in taken)
     return tuple(
-        segment
-        if segment.id >= 0
-        else Segment(
-            next(free),
-            segment.kind,
-            segment.start,
-            segment.end,
-            segment.controls,
-            segment.airspeed,
-            segment.held_out,
-        )
-        for _, segment in found
+        segment if segment.id >= 0 else replace(segment, id=next(free)) for _, segment in found
     )

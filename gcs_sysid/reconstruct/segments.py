@@ -301,7 +301,9 @@ def _held(
     candidates: list[Segment], everything: list[Segment], chosen: set[int], share: float
 ) -> set[int]:
     """Ids to hold out of one kind: evenly along (controls, airspeed), and none the fit needs."""
-    lined = sorted(candidates, key=lambda item: (item.controls, item.airspeed, item.start))
+    lined = sorted(
+        candidates, key=lambda item: (item.controls, np.nan_to_num(item.airspeed), item.start)
+    )
     # Half a step ahead, so that the middle airspeed of three is the one held out.
     steps = np.floor(0.5 + share * np.arange(len(lined) + 1) + 1e-9)
     wanted = [item for item, step in zip(lined, np.diff(steps), strict=True) if step > 0]
