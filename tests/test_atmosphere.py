@@ -73,7 +73,7 @@ def test_airspeeds_invert_and_keep_the_impact_pressure(cas: float, height: float
 
 
 def test_compressibility_correction_follows_the_series() -> None:
-    """Second implementation: q_c = ½ρ0·EAS²·(1 + M²/4 + M⁴/40 + M⁶/1600 + ...), 200 kt at 20000 ft."""
+    """Second implementation: q_c = ½ρ0·EAS²·(1 + M²/4 + M⁴/40 + M⁶/1600 + ...)."""
     pressure_ratio = atmosphere.pressure(np.float64(6096.0)) / 101325.0
     cas = np.float64(102.889)
     eas = atmosphere.cas_to_eas(cas, pressure_ratio * 101325.0)

@@ -1,0 +1,54 @@
+"""Aerodynamic coefficients in body axes from their terms and tables, differentiable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import CoefficientModel, TableTerm
+from gcs_sysid.model import tables
+
+
+def coefficient(
+    model: CoefficientModel, values: Mapping[str, Float[ArrayLike, "*sample"]]
+) -> Float[Array, "*sample"]:
+    """One coefficient: Σ value·regressor + Σ tables.
+
+    Args:
+        model: terms and tables as the aircraft file gives them; a model without any is 0.
+        values: arrays of one shape, at least one, by name: the variables of
+            `regressors.VARIABLES` that the model uses, in their units, and the controls [rad].
+
+    Returns:
+        The coefficient, dimensionless, at every sample.
+
+    Raises:
+        UsageError: a variable or control that the model uses is not in `values`.
+    """
+    total = jnp.zeros_like(next(iter(values.values())))
+    for key, value in model.terms.items():
+        total = total + value.value * _regressor(key, values)
+    for table in model.tables:
+        total = total + _table(table, values)
+    return total
+
+
+def _table(
+    table: TableTerm, values: Mapping[str, Float[ArrayLike, "*sample"]]
+) -> Float[Array, "*sample"]:
+    where = [_regressor(key, values) for key in table.regressors]
+    breakpoints = [jnp.asarray(points) for points in table.breakpoints]
+    if len(where) == 1:
+        return tables.linear(where[0], breakpoints[0], jnp.asarray(table.values))
+    return tables.bilinear(*where, *breakpoints, jnp.asarray(table.values))
+
+
+def _regressor(
+    key: str, values: Mapping[str, Float[ArrayLike, "*sample"]]
+) -> Float[Array, "*sample"]:
+    controls = [name for name in values if name not in regressors.VARIABLES]
+    return regressors.evaluate(regressors.parse(key, controls=controls), values)
