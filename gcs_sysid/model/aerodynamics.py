@@ -51,4 +51,4 @@ def _regressor(
     key: str, values: Mapping[str, Float[ArrayLike, "*sample"]]
 ) -> Float[Array, "*sample"]:
     controls = [name for name in values if name not in regressors.VARIABLES]
-    return regressors.evaluate(regressors.parse(key, controls=controls), values)
+    return jnp.asarray(regressors.evaluate(regressors.parse(key, controls=controls), values))
