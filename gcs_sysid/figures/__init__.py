@@ -1,1 +1,1 @@
-"""Figures as data: series, bands, units."""
+"""Figures as data: series, bands, units. Nothing here draws; `gcs_sysid.report` does."""
