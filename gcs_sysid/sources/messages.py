@@ -35,21 +35,17 @@ class Quantity:
         scale: SI units per unit of the field.
         offset: SI value of a field of zero.
         unknown: field values that mean "not measured".
-        element: index into an array field, None for a plain one.
     """
 
     channel: str
     field: str
     scale: float = 1.0
     offset: float = 0.0
-    unknown: tuple[float, ...] = ()
-    element: int | None = None
+    unknown: tuple[int, ...] = ()
 
     def read(self, fields: Fields) -> Float[np.ndarray, " sample"]:
         """The channel's values [SI], NaN where the field says "not measured"."""
         raw = fields[self.field]
-        if self.element is not None:
-            raw = raw[:, self.element]
         values = self.scale * raw.astype(np.float64) + self.offset
         for unknown in self.unknown:
             values[raw == unknown] = np.nan
