@@ -7,7 +7,7 @@ PIP := PYTHONUNBUFFERED=1 $(BIN)/python -m pip --disable-pip-version-check
 PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflush() } \
 	/^Installing collected/ { print "  installing"; fflush() }'
 
-.PHONY: setup demo test lint format bench results docs lock clean
+.PHONY: setup demo flights test lint format bench results docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -29,6 +29,9 @@ $(VENV)/.installed: $(VENV)/.locked pyproject.toml
 demo: setup
 	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
 		--out out/demo
+
+flights: setup
+	@$(BIN)/gcs-sysid sitl --scenario replay/demo/scenario.toml
 
 test: setup
 	@$(BIN)/python -m pytest --require-shared

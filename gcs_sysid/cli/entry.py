@@ -14,7 +14,7 @@ import click
 
 from gcs_sysid.cli import failures
 
-COMMANDS = ("inspect", "identify", "predict", "evaluate")
+COMMANDS = ("inspect", "identify", "predict", "evaluate", "sitl")
 
 
 class Program(click.Group):

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 from gcs_sysid.errors import UsageError
 
 Kind = Literal["doublet", "multistep", "multisine", "step"]
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 THROTTLE = "throttle"
 """Name under which a test input reaches all thrusters."""

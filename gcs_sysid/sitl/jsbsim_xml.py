@@ -161,12 +161,12 @@ def _flow(aircraft: Aircraft) -> Iterable[tuple[str, Node]]:
         yield thrust_property(i), _thrust(thruster, throttle_property(i), thruster.thrust)
     thrusts = [thrust_property(i) for i in range(len(aircraft.propulsion))]
     force = _operation("product", geometry.wing_area, _VARIABLES["qbar"])
-    yield _VARIABLES["Tc"], _quotient(_operation("sum", 0.0, *thrusts), force)
+    yield _VARIABLES["Tc"], _quotient(_operation("sum", 0.0, 0.0, *thrusts), force)
 
 
 def _coefficient(aircraft: Aircraft, name: str) -> Iterable[Node]:
     model = aircraft.aerodynamics.get(name)
-    terms: list[Node | str | float] = [0.0]
+    terms: list[Node | str | float] = []
     for key, value in model.terms.items() if model else ():
         factors = _factors(regressors.parse(key, controls=aircraft.control_names))
         terms.append(_operation("product", 1.0, value.value, *factors))
@@ -179,7 +179,7 @@ def _coefficient(aircraft: Aircraft, name: str) -> Iterable[Node]:
             yield function
         terms.append(_aerodynamic_table(table, axes))
     function = Node("function", name=coefficient_property(name))
-    function.append(_operation("sum", *terms))
+    function.append(_operation("sum", 0.0, 0.0, *terms))
     yield function
 
 
@@ -252,6 +252,7 @@ def _quotient(numerator: Node | str, denominator: Node | str) -> Node:
     return _operation("quotient", numerator, denominator)
 
 
+# JSBSim wants at least two operands of a sum or a product: neutral ones make up for missing ones.
 def _operation(name: str, *operands: Node | str | float) -> Node:
     node = Node(name)
     for operand in operands:

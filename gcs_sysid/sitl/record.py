@@ -27,6 +27,10 @@ from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Measurement, Noise, Sensors
 from gcs_sysid.sitl.servo import Actuator, surface, throttle
 
+EPOCH_US = 1_790_000_000_000_000
+"""Wall time at which a recording begins unless its flight says otherwise: 21 September 2026. A
+clock would make every recording another file."""
+
 SETTLE = 20.0
 """Flown before the recording begins, so that the autopilot has found its trim [s]."""
 
@@ -62,7 +66,7 @@ class Flight:
     noise: Noise = field(default_factory=Noise)
     link: Link = field(default_factory=Link)
     seed: int = 0
-    epoch_us: int = 1_790_000_000_000_000
+    epoch_us: int = EPOCH_US
 
     @property
     def duration(self) -> float:
@@ -133,7 +137,10 @@ def save_truth(truth: Truth, path: Path, *, rate: int = telemetry.TICK_RATE) -> 
     rows = truth.rows[:: telemetry.TICK_RATE // rate]
     if rate < telemetry.TICK_RATE:
         rows = rows.astype(np.float32)
-    np.savez_compressed(path, rows=rows, cols=np.array(truth.columns), t0_us=np.array(truth.t0_us))
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file, rows=rows, cols=np.array(truth.columns), t0_us=np.array(truth.t0_us)
+        )
 
 
 def fly(flight: Flight, *, progress: Callable[[float], None] | None = None) -> Flown:

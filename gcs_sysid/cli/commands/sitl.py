@@ -1,0 +1,154 @@
+"""`sitl`: a simulated aircraft whose truth is known."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gcs_sysid.cli import options, output
+from gcs_sysid.errors import UsageError
+
+if TYPE_CHECKING:
+    from gcs_sysid.sitl.scenario import PlannedFlight
+
+seed = click.option(
+    "--seed", metavar="N", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True,
+    help="Seed of turbulence, sensor noise and radio: the same seed, the same file.",
+)  # fmt: skip
+wind = click.option(
+    "--wind", metavar="DEG SPEED", type=float, nargs=2, default=(0.0, 0.0),
+    help="Steady wind: where it blows from [deg], how fast [m/s].",
+)  # fmt: skip
+gust = click.option(
+    "--gust", metavar="SIGMA", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
+    help="Standard deviation of vertical gusts [m/s]; horizontal ones follow (MIL-F-8785C).",
+)  # fmt: skip
+
+
+@click.command("sitl")
+@options.aircraft(required=False)
+@click.option(
+    "--record",
+    metavar="FILE.tlog",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Fly the standard flight and record it here.",
+)
+@click.option(
+    "--truth",
+    metavar="FILE.npz",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write what really happened here: rows, cols, t0_us.",
+)
+@seed
+@wind
+@gust
+@click.option(
+    "--scenario",
+    metavar="FILE",
+    type=options.Existing("scenario"),
+    help="Fly the flights of a scenario instead, and record them where it says.",
+)
+@options.as_json
+def command(
+    aircraft: Path | None,
+    record: Path | None,
+    truth: Path | None,
+    seed: int,
+    wind: tuple[float, float],
+    gust: float,
+    scenario: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Fly an aircraft file in JSBSim and record it.
+
+    The recording is what a ground station would have kept; the truth is known.
+    """
+    _need_jsbsim()
+    from gcs_sysid.sitl import scenario as scenarios
+
+    if scenario is not None:
+        if aircraft is not None or record is not None or truth is not None:
+            raise UsageError("--scenario says what to fly and where to record it; leave out others")
+        flights = scenarios.load(scenario).flights
+    else:
+        flights = (_standard(aircraft, record, truth, seed, wind, gust),)
+    flown = [_fly(planned) for planned in flights]
+    output.show({"flights": flown}, _text(flown), as_json=as_json)
+
+
+def _need_jsbsim() -> None:
+    try:
+        import jsbsim  # noqa: F401 - only to see whether it is there
+    except ModuleNotFoundError as error:
+        raise UsageError("JSBSim is not installed; pip install 'gcs-sysid[sitl]'") from error
+
+
+def _standard(
+    aircraft: Path | None,
+    record: Path | None,
+    truth: Path | None,
+    seed: int,
+    wind: tuple[float, float],
+    gust: float,
+) -> PlannedFlight:
+    from gcs_sysid import aircraft_file
+    from gcs_sysid.sitl import plan, scenario
+    from gcs_sysid.sitl.record import Flight
+    from gcs_sysid.sitl.scenario import PlannedFlight
+
+    if aircraft is None or record is None:
+        raise UsageError("give --aircraft FILE and --record FILE.tlog, or --scenario FILE")
+    loaded = aircraft_file.load(aircraft)
+    legs = plan.standard(loaded)
+    direction, speed = wind
+    return PlannedFlight(
+        record.stem,
+        Flight(
+            believed=loaded,
+            flown=loaded,
+            legs=legs,
+            start=scenario.start(legs[0]),
+            wind=scenario.wind(math.radians(direction), speed, gust),
+            seed=seed,
+        ),
+        record=record,
+        truth=truth,
+    )
+
+
+def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
+    from gcs_sysid.sitl import record
+
+    begun = time.perf_counter()
+    duration = planned.flight.duration
+    with output.progress(f"sitl {planned.name}") as progress:
+        flown = record.run(
+            planned.flight,
+            record=planned.record,
+            truth=planned.truth,
+            truth_rate=planned.truth_rate,
+            progress=lambda seconds: progress("flying", seconds / duration),
+        )
+    return {
+        "name": planned.name,
+        "record": str(planned.record),
+        "truth": None if planned.truth is None else str(planned.truth),
+        "duration_s": duration,
+        "sent": flown.sent,
+        "received": len(flown.frames),
+        "times_real_time": round(duration / (time.perf_counter() - begun), 1),
+    }
+
+
+def _text(flown: Sequence[Mapping[str, Any]]) -> str:
+    return "\n".join(
+        f"{flight['name']}: {flight['duration_s']:.0f} s flown at {flight['times_real_time']:.0f} "
+        f"times real time, {flight['received']} of {flight['sent']} messages received\n"
+        + "\n".join(flight[key] for key in ("record", "truth") if flight[key])
+        for flight in flown
+    )
