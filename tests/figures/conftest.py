@@ -1,32 +1,25 @@
-"""The made-up flight of the report's tests, for the tests of figures."""
+"""The made-up flight as fixtures."""
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-EXAMPLE = Path(__file__).parents[1] / "report" / "example.py"
+from tests.report import example as made_up
 
 
 @pytest.fixture(scope="session")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("report_example", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return made_up
 
 
 @pytest.fixture(scope="session")
-def samples(example: ModuleType) -> dict[str, np.ndarray]:
-    return example.flight(120.0)
+def samples() -> dict[str, np.ndarray]:
+    return made_up.flight(120.0)
 
 
 @pytest.fixture(scope="session")
-def summary(example: ModuleType, samples: dict[str, np.ndarray]) -> dict:
-    return example.summary(samples)
+def summary(samples: dict[str, np.ndarray]) -> dict:
+    return made_up.summary(samples)
