@@ -36,6 +36,31 @@ _MANNED_SPEED = 50.0
 """Its airspeed [m/s], for when not even the span is known."""
 
 
+_USUAL_OUTPUTS: Mapping[str, str] = {"servo1": "roll", "servo2": "pitch", "servo4": "yaw"}
+"""Aileron, elevator, throttle, rudder: the usual order of outputs."""
+_NAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("flaperon", ("roll",)),
+    ("elevon", ("pitch", "roll")),
+    ("vtail", ("pitch", "yaw")),
+    ("elevator", ("pitch",)),
+    ("stab", ("pitch",)),
+    ("canard", ("pitch",)),
+    ("flap", ("pitch",)),
+    ("aileron", ("roll",)),
+    ("spoiler", ("roll",)),
+    ("rudder", ("yaw",)),
+)
+
+
+def axes_of(control: str) -> tuple[str, ...]:
+    """Axes that a control of that name is for; none where the name does not tell."""
+    name = control.lower()
+    for word, axes in _NAMES:
+        if word in name:
+            return axes
+    return (_USUAL_OUTPUTS[name],) if name in _USUAL_OUTPUTS else ()
+
+
 @dataclass(frozen=True)
 class Modes:
     """Frequencies [Hz] by axis, each with the mode's name.

@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs_sysid.aircraft import COEFFICIENTS, FORCES, Aircraft
 from gcs_sysid.errors import RefusedError
-from gcs_sysid.offline.modes import AXES, Modes, modes
+from gcs_sysid.offline.modes import AXES, Modes, axes_of, modes
 from gcs_sysid.reconstruct.airborne import Interval, airborne
 from gcs_sysid.reconstruct.control_history import SERVO_STREAM, control_history
 from gcs_sysid.reconstruct.measurements import (
@@ -265,21 +265,7 @@ def _affected(control: str, aircraft: Aircraft | None) -> tuple[str, ...]:
         )
         if named:
             return named
-    axis = axis_of(control)
-    return AXES[axis] if axis is not None else COEFFICIENTS
-
-
-def axis_of(control: str) -> str | None:
-    """Axis that a control of that name is for; None where the name does not tell."""
-    name = control.lower()
-    for axis, words in (
-        ("pitch", ("elevator", "stab", "canard", "flap")),
-        ("roll", ("aileron", "spoiler")),
-        ("yaw", ("rudder",)),
-    ):
-        if any(word in name for word in words) and not name.startswith("flaperon"):
-            return axis
-    return None
+    return tuple(name for axis in axes_of(control) for name in AXES[axis]) or COEFFICIENTS
 
 
 def _rates(recording: Recording, guess: Modes, flights: tuple[Interval, ...]) -> list[Finding]:

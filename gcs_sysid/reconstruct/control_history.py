@@ -43,6 +43,8 @@ _SURFACE_FUNCTIONS: Mapping[int, str] = {
 }
 _THROTTLE_FUNCTIONS = (70, 73, 74)
 """ArduPilot's SERVOn_FUNCTION values (ardupilot.org/plane, parameter reference, 4.6)."""
+_UNKNOWN_FUNCTIONS = (-1, 1)
+"""Not in the log, or passed through from the pilot: may well be a surface."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +201,8 @@ def _outputs(
     for channel, values in sorted(pwm.items()):
         function = int(recording.parameters.get(f"SERVO{channel}_FUNCTION", -1))
         motor = function in _THROTTLE_FUNCTIONS or (function < 0 and channel == throttle)
-        if np.ptp(values) < 20.0 or function == 0:
+        known = function in _SURFACE_FUNCTIONS or function in _UNKNOWN_FUNCTIONS or motor
+        if np.ptp(values) < 20.0 or not known:
             continue
         name = _SURFACE_FUNCTIONS.get(function, f"servo{channel}")
         if any(signal.name == name for signal in surfaces):
