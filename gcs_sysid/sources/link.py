@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from pymavlink import mavutil
 
@@ -35,6 +35,7 @@ def _is_com_port(address: str) -> bool:
     return name[:3] == "COM" and name[3:].isdigit()
 
 
+@runtime_checkable
 class _Port(Protocol):
     """What is used of a pymavlink connection; `port` is its socket or serial device."""
 
