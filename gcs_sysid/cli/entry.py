@@ -14,7 +14,7 @@ import click
 
 from gcs_sysid.cli import failures
 
-COMMANDS = ("inspect", "identify", "predict", "evaluate", "sitl")
+COMMANDS = ("inspect", "identify", "predict", "evaluate", "replay", "sitl")
 
 
 class Program(click.Group):
