@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from gcs_sysid.sources.tables import MessageTable
 
 Microseconds = Int[np.ndarray, " message"]
+Reference = Int[np.ndarray, " stamp"]
 
 FRESH = (
     "ATTITUDE",
@@ -76,14 +77,14 @@ class Clocked:
 class _Pool:
     """Reference stamps of all fresh streams in the order of the log; log clock = boot + offset."""
 
-    order: Microseconds
-    link_us: Microseconds
-    boot_us: Microseconds
-    session: Microseconds
-    offset_us: Microseconds  # one a session
+    order: Reference
+    link_us: Reference
+    boot_us: Reference
+    session: Reference
+    offset_us: Int[np.ndarray, " session"]
 
     @property
-    def time_us(self) -> Microseconds:
+    def time_us(self) -> Reference:
         return self.boot_us + self.offset_us[self.session]
 
     def session_at(self, order: Microseconds) -> Microseconds:
@@ -154,13 +155,13 @@ def _reference(
     return _Pool(order, link, boot, session, offset), notes
 
 
-def _unwrapped(stamp: Microseconds, period: int) -> tuple[Microseconds, int]:
+def _unwrapped(stamp: Reference, period: int) -> tuple[Reference, int]:
     """Stamps continued past the end of their counter, and how often it ended."""
     turns = -np.cumsum(np.round(np.diff(stamp, prepend=stamp[:1]) / period)).astype(np.int64)
     return stamp + turns * period, int(turns[-1])
 
 
-def _sessions(boot_us: Microseconds) -> Microseconds:
+def _sessions(boot_us: Reference) -> Reference:
     """Which run of the autopilot each stamp belongs to, counted from zero."""
     session = np.zeros(boot_us.size, dtype=np.int64)
     start = 0
@@ -177,7 +178,9 @@ def _sessions(boot_us: Microseconds) -> Microseconds:
         session[start:] += 1
 
 
-def _offsets(pool: _Pool, system_time: MessageTable | None) -> tuple[Microseconds, list[str]]:
+def _offsets(
+    pool: _Pool, system_time: MessageTable | None
+) -> tuple[Int[np.ndarray, " session"], list[str]]:
     """Log clock minus boot clock of each session [µs]."""
     count = int(pool.session[-1]) + 1
     arrival = np.array([_earliest(pool, i) for i in range(count)])
@@ -290,11 +293,13 @@ def _between(
     left = np.clip(after - 1, 0, pool.order.size - 1)
     right = np.clip(after, 0, pool.order.size - 1)
     pause = pool.link_us[right] - pool.link_us[left]
-    fraction = np.where(pause > 0, (table.link_us - pool.link_us[left]) / np.maximum(pause, 1), 0.5)
+    ahead = table.link_us - pool.link_us[left]
     # Before the first and after the last stamped message only the distance in arrival is known.
-    outside = left == right
-    ahead = np.where(outside, table.link_us - pool.link_us[left], 0)
-    return np.clip(fraction, 0.0, 1.0), clock[left] + ahead, clock[right] + ahead
+    first, last = after == 0, after == pool.order.size
+    fraction = np.where(pause > 0, ahead / np.maximum(pause, 1), 0.5)
+    fraction = np.where(first, 0.0, np.where(last, 1.0, np.clip(fraction, 0.0, 1.0)))
+    before = clock[left] + np.where(first, ahead, 0)
+    return fraction, before, clock[right] + np.where(last, ahead, 0)
 
 
 def _on_period(

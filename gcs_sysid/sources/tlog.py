@@ -49,11 +49,16 @@ def frames(data: bytes) -> list[tuple[int, bytes]]:
 
 
 def _stamps(content: Bytes, start: Int[np.ndarray, " frame"]) -> Int[np.ndarray, " frame"]:
-    """Arrival times; a damaged one, which no checksum protects, takes that of the frame before."""
+    """Arrival times; a damaged one, which no checksum protects, takes that of the next frame.
+
+    Too late is harmless, as the earliest arrivals set the clock.
+    """
     raw = windows(content, STAMP)[start - STAMP].view(">u8")[:, 0]
     stamps = np.minimum(raw, 2**62).astype(np.int64)
     if not stamps.size:
         return stamps
-    sane = np.abs(stamps - np.median(stamps)) < PLAUSIBLE_US
-    last_sane = np.maximum.accumulate(np.where(sane, np.arange(stamps.size), 0))
-    return stamps[last_sane]
+    middle = np.sort(stamps)[stamps.size // 2]
+    sane = np.abs(stamps - middle) < PLAUSIBLE_US
+    places = np.flatnonzero(sane)
+    following = np.searchsorted(places, np.arange(stamps.size))
+    return stamps[places[np.minimum(following, places.size - 1)]]

@@ -48,7 +48,9 @@ class Writer:
 
     @property
     def data(self) -> bytes:
-        return b"".join(struct.pack(">Q", t) + frame for t, frame in self.records)
+        """The log, in the order of arrival."""
+        records = sorted(self.records, key=lambda record: record[0])
+        return b"".join(struct.pack(">Q", t) + frame for t, frame in records)
 
 
 def message_class(name: str) -> type:
