@@ -99,9 +99,8 @@ def _name(item: Mapping) -> str:
 
 
 def has_coefficient(samples: Samples, name: str) -> bool:
-    """Whether `name` was both measured and predicted at least once."""
-    both = column(samples, f"{name}_measured") - column(samples, name)
-    return bool(np.isfinite(both).any())
+    """Whether `name` was both measured and predicted at neighbouring samples at least once."""
+    return any(run.size > 1 for run in pieces(samples, residual(samples, name)))
 
 
 def residual(samples: Samples, name: str) -> Float[np.ndarray, " sample"]:

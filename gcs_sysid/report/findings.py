@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.figures.data import SIGMAS_95
 from gcs_sysid.figures.derivatives import Derivative, derivatives
 from gcs_sysid.report import labels
 from gcs_sysid.report.numbers import duration, number, plus_minus, quantity
@@ -97,7 +98,7 @@ def _trust(summary: Mapping) -> Finding | None:
     shares = {
         name: 100.0 * score["coverage95"]
         for name, score in scored(summary).items()
-        if score.get("coverage95") is not None
+        if _known(score.get("coverage95"))
     }
     if not shares:
         return None
@@ -129,7 +130,7 @@ def _learned(summary: Mapping) -> Finding | None:
     text = f"{len(sure)} of {len(rows)} derivatives are determined"
     if sure:
         best = [f"{_name(row)} {plus_minus(row.value, row.half)}" for row in sure[:_SHOWN]]
-        text += f", best {_listed(best)}"
+        text += f", best (± 95 %) {_listed(best)}"
     lost = [_name(row) for row in rows if row.verdict == "no"]
     if lost:
         text += f"; not at all: {_listed(lost[:_SHOWN])}{_more(lost)}"
@@ -165,10 +166,15 @@ def _sensors(summary: Mapping) -> Finding | None:
 def _delays(summary: Mapping) -> Finding | None:
     delays = (summary.get("reconstruction") or {}).get("delays") or {}
     parts = [
-        f"{stream} {quantity(entry['value'], entry.get('sd'), entry.get('unit', 's'))}"
+        f"{stream} {quantity(entry['value'], _half(entry), entry.get('unit', 's'))}"
         for stream, entry in delays.items()
     ]
-    return Finding("Delays", f"{_listed(parts)} (± one sd).") if parts else None
+    return Finding("Delays", f"{_listed(parts)} (± 95 %).") if parts else None
+
+
+def _half(entry: Mapping) -> float | None:
+    sd = entry.get("sd")
+    return None if sd is None else SIGMAS_95 * sd
 
 
 def _air(summary: Mapping) -> Finding | None:
@@ -233,8 +239,12 @@ def scored(summary: Mapping) -> dict[str, Mapping]:
         for name in COEFFICIENTS
         if name in table
         and not table[name].get("refused")
-        and table[name].get("relative_error") is not None
+        and _known(table[name].get("relative_error"))
     }
+
+
+def _known(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
 
 
 def _rows(summary: Mapping) -> list[Derivative]:

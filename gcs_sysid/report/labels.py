@@ -28,10 +28,12 @@ _MEANING = {
     "Cm": "pitching moment",
     "Cn": "yawing moment",
 }
+GOOD = 0.90
+USABLE = 0.70
 _GRADES = (
     (0.95, "excellent"),
-    (0.90, "good"),
-    (0.70, "usable"),
+    (GOOD, "good"),
+    (USABLE, "usable"),
     (0.0, "weak"),
 )
 """Grades by the share of variance explained on held-out maneuvers; 0.95 to 0.99 for forces and

@@ -38,22 +38,26 @@ def scores(summary: Mapping) -> tuple[Score, ...]:
 
 
 def _score(name: str, entry: Mapping) -> Score:
-    r2 = entry.get("r2")
-    grade = labels.grade(r2)
-    level = "yes" if r2 is not None and r2 >= 0.9 else "weak" if r2 is not None else ""
-    coverage = entry.get("coverage95")
+    r2, coverage = entry.get("r2"), entry.get("coverage95")
     return Score(
         name=name,
         meaning=labels.meaning(name),
         error=number(entry.get("relative_error"), 2),
-        grade=grade,
-        level="no" if r2 is not None and r2 < 0.7 else level,
+        grade=labels.grade(r2),
+        level=_level(r2),
         coverage=NOTHING if coverage is None else f"{100.0 * coverage:.0f} %",
         r2=NOTHING if r2 is None else f"{r2:.2f}".replace("-", "\u2212"),
         nlpd=number(entry.get("nlpd")),
         samples=NOTHING if entry.get("samples") is None else f"{entry['samples']:d}",
         refused=str(entry.get("refused") or ""),
     )
+
+
+def _level(r2: float | None) -> str:
+    """Which of the three marks (yes, weak, no) goes with a share of variance explained."""
+    if r2 is None:
+        return ""
+    return "yes" if r2 >= labels.GOOD else "weak" if r2 >= labels.USABLE else "no"
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ def _interval(entry: Mapping, key: str, unit: str) -> str:
 def _with_band(nis: float, band: Sequence[float] | None) -> str:
     if not band:
         return number(nis)
-    return f"{number(nis)} ({number(band[0], 2)} to {number(band[1], 2)})"
+    return f"{number(nis)} ({number(band[0])} to {number(band[1])})"
 
 
 def _against(value: float | None, limit: float | None) -> str:
@@ -137,7 +141,7 @@ def sensors(summary: Mapping) -> tuple[Item, ...]:
     ]
     wind = reconstruction.get("wind_ned")
     if wind:
-        sds = wind.get("sd") or (None, None, None)
+        sds = wind["sd"] if wind.get("sd") is not None else (None, None, None)
         for axis, value, sd in zip(("north", "east", "down"), wind["value"], sds, strict=True):
             entry = {"value": value, "sd": sd, "unit": wind.get("unit", "m/s")}
             items.append(Item(f"wind toward {axis}", _value(entry)))

@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from gcs_sysid.figures.samples import has_coefficient
 from gcs_sysid.report import identify, predict
 from gcs_sysid.report.content import content, control_names
 
@@ -164,6 +165,20 @@ def test_a_coefficient_without_samples_is_refused_even_if_the_summary_forgot(
 ) -> None:
     without = {name: values for name, values in samples.items() if not name.startswith("Cn")}
     assert "no sample of this flight" in Page(identify.render(summary, without)).words
+
+
+def test_lone_samples_do_not_make_a_curve(samples: dict[str, np.ndarray]) -> None:
+    lone = np.where(np.arange(samples["t"].size) == 7, samples["Cn"], np.nan)
+    assert not has_coefficient(samples | {"Cn": lone}, "Cn")
+    assert has_coefficient(samples, "Cn")
+
+
+def test_arrays_in_a_summary_are_as_good_as_lists(
+    samples: dict[str, np.ndarray], summary: dict
+) -> None:
+    wind = {"value": np.array([1.0, 2.0, 0.0]), "sd": np.full(3, 0.1), "unit": "m/s"}
+    changed = summary | {"reconstruction": summary["reconstruction"] | {"wind_ned": wind}}
+    assert "wind toward east2.00 ± 0.20 m/s" in Page(identify.render(changed, samples)).words
 
 
 def test_several_flights_have_figures_each(example: ModuleType) -> None:

@@ -2,7 +2,7 @@
   "use strict";
   const { figures, palettes } = JSON.parse(document.getElementById("payload").textContent);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
-  const PRINTED = { wide: 680, small: 325 };
+  const PRINTED = { wide: 680, small: 325, tallest: 940 };
   let printing = false;
 
   // "@{role/opacity}" stands for a colour of the palette in use.
@@ -35,7 +35,7 @@
     // On a touch screen a finger on a plot scrolls the page.
     layout.dragmode = window.matchMedia("(pointer: coarse)").matches ? false : "zoom";
     const width = printing ? PRINTED[figure.size] : canvas.clientWidth;
-    layout.width = printing ? width : undefined;
+    if (printing) Object.assign(layout, { width, height: Math.min(layout.height, PRINTED.tallest) });
     layout.xaxis.nticks = Math.max(5, Math.round(width / 70));
     if (ranges[figure.link]) layout.xaxis.range = ranges[figure.link].slice();
     Plotly.react(canvas, paint(figure.data, palette), layout, config);
