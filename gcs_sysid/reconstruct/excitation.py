@@ -205,8 +205,8 @@ def _held(
     ]
     drifts = [float(np.ptp(signal.values[s])) / largest if s.stop > s.start else 0.0 for s in spans]
     if signal.throttle:
-        return max(drifts) < 0.05
-    return max(drifts) < 0.8 and float(np.median(drifts)) < 0.45
+        return bool(max(drifts) < 0.05)
+    return bool(max(drifts) < 0.8 and np.median(drifts) < 0.45)
 
 
 def _smooth(
@@ -221,8 +221,8 @@ def _smooth(
         level = levels[signal.name]
         usual = max(float(np.percentile(level[inside], 20.0)), SMALLEST_ACTIVITY / 3.0)
         unaided = alone[signal.name] & (level > SMALLEST_ACTIVITY)
-        spans += _even(signal, unaided, level, usual, 0.0, history)
-        spans += _even(signal, inside & (level > 3.0 * usual), level, usual, 10.0, history)
+        spans += _even(signal, unaided, level, usual, history, alone=True)
+        spans += _even(signal, inside & (level > 3.0 * usual), level, usual, history, alone=False)
     return [_described(span, levels, history) for span in _clearest(spans)]
 
 
@@ -231,8 +231,9 @@ def _even(
     mask: Bool[np.ndarray, " tick"],
     level: Float[np.ndarray, " tick"],
     usual: float,
-    least: float,
     history: ControlHistory,
+    *,
+    alone: bool,
 ) -> list[tuple[float, float, float]]:
     """Stretches of `mask` in which the activity neither grows, fades nor comes in bursts.
 
@@ -259,8 +260,10 @@ def _even(
         spread, peak = _spread(inner), _peak_factor(values, history.step)
         if np.mean(pace(signal.values, history)[history.span(start, end)] > 0.0) < 0.5:
             continue  # steps with holds between them
-        even = over > least and spread < 0.36 and peak < 2.2
-        if even or (over > 5.0 and spread < 0.45 and peak < 2.8 and switched(start, end)):
+        # The less feedback can be at work, the less even it must be.
+        lone = alone and spread < 0.55 and peak < 2.8
+        large = over > 10.0 and spread < 0.36 and peak < 2.2
+        if lone or large or (over > 5.0 and spread < 0.45 and peak < 2.8 and switched(start, end)):
             found.append((start, end, over))
     return found
 

@@ -278,8 +278,9 @@ def split(
     """Which maneuvers to fit and which to judge the fit by: ids, each in order.
 
     Within each kind, maneuvers are lined up by control and airspeed and every so many is held out,
-    so both parts cover the same. A kind flown twice or more is in both parts; a control that moves
-    in one input only stays in the fit. A maneuver whose `held_out` is set stays where it is set.
+    so both parts cover the same. The last input left on a control stays in the fit; otherwise a
+    kind flown twice or more is in both parts. A maneuver whose `held_out` is set stays where it is
+    set.
 
     Args:
         segments: maneuvers of one or more flights, ids unique.
@@ -307,13 +308,13 @@ def _held(
     # Half a step ahead, so that the middle airspeed of three is the one held out.
     steps = np.floor(0.5 + share * np.arange(len(lined) + 1) + 1e-9)
     wanted = [item for item, step in zip(lined, np.diff(steps), strict=True) if step > 0]
-    if not wanted and len(lined) > 1:
-        wanted = [lined[len(lined) // 2]]
     held: set[int] = set()
-    for item in wanted[: max(1, len(lined) - 1)] if len(lined) > 1 else wanted:
+    for item in wanted[: len(lined) - 1]:
         if not _only_one(item, everything, chosen | held):
             held.add(item.id)
-    return held
+    middle = sorted(lined, key=lambda item: abs(lined.index(item) - len(lined) // 2))
+    spare = [item for item in middle if not _only_one(item, everything, chosen)]
+    return held or ({spare[0].id} if len(lined) > 1 and spare else set())
 
 
 def _only_one(item: Segment, everything: list[Segment], gone: set[int]) -> bool:
