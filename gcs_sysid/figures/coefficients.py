@@ -34,17 +34,24 @@ def history(
         refused: reasons by coefficient that was refused.
         bins: bins that the drawing is reduced to.
     """
+    spans = tuple(maneuver.span for maneuver in maneuvers if maneuver.flight == flight)
+    fitted = any(span.role == "fitted" for span in spans)
     return Figure(
         name=f"coefficients-{flight}",
         title="Coefficients over the whole flight",
         caption=(
             "Measured from accelerations and rates against what the model predicts, each with its "
-            "95 % band. Maneuvers held out of the fit are shaded and named; the grey bars on top "
-            "are those that were fitted."
+            "95 % band. Maneuvers that took no part in the fit are shaded and named"
+            + ("; grey bars on top mark those that were fitted." if fitted else ".")
         ),
         x=Axis(TIME, "s", _reach(column(samples, "t")[rows])),
-        panels=_panels(samples, rows, refused=refused, bins=bins, frame=None),
-        spans=tuple(maneuver.span for maneuver in maneuvers if maneuver.flight == flight),
+        panels=tuple(
+            Panel(y=Axis(name, "1", (-1.0, 1.0)), refusal=refused[name])
+            if name in refused
+            else _panel(samples, rows, name, bins=bins, shown=None)
+            for name in COEFFICIENTS
+        ),
+        spans=spans,
         link=f"flight-{flight}",
     )
 
@@ -53,36 +60,42 @@ def close_up(
     samples: Samples,
     maneuver: Maneuver,
     *,
-    refused: Mapping[str, str],
     frame: Mapping[str, tuple[float, float]],
+    several: bool,
     bins: int,
 ) -> Figure:
-    """All six coefficients during one maneuver.
+    """Coefficients during one maneuver.
 
     Args:
         samples: the table.
         maneuver: which.
-        refused: reasons by coefficient that was refused.
-        frame: the ranges to show by coefficient, so that maneuvers side by side compare.
+        frame: the coefficients to show with their ranges, so that maneuvers side by side compare.
+        several: whether the table holds several flights, so that this one has to be named.
         bins: bins that the drawing is reduced to.
     """
     length = maneuver.end - maneuver.start
+    where = f"flight {maneuver.flight + 1}, " if several else ""
     return Figure(
         name=f"maneuver-{maneuver.flight}-{maneuver.number}",
         title=maneuver.name,
-        caption=f"from {maneuver.start:.1f} s, {length:.1f} s long",
+        caption=f"{where}from {maneuver.start:.1f} s, {length:.1f} s long",
         x=Axis(TIME, "s", (maneuver.start, maneuver.end)),
-        panels=_panels(samples, maneuver.rows, refused=refused, bins=bins, frame=frame),
+        panels=tuple(
+            _panel(samples, maneuver.rows, name, bins=bins, shown=shown)
+            for name, shown in frame.items()
+        ),
         size="small",
     )
 
 
-def common_frame(samples: Samples, maneuvers: Sequence[Maneuver]) -> dict[str, tuple[float, float]]:
-    """The range of each coefficient over all of `maneuvers`, measured and predicted."""
+def common_frame(
+    samples: Samples, maneuvers: Sequence[Maneuver], names: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """The range of each coefficient of `names` over all `maneuvers`, measured and predicted."""
     rows = np.concatenate([maneuver.rows for maneuver in maneuvers])
     return {
         name: limits(column(samples, f"{name}_measured")[rows], column(samples, name)[rows])
-        for name in COEFFICIENTS
+        for name in names
     }
 
 
@@ -122,29 +135,13 @@ def band(
     )
 
 
-def _panels(
-    samples: Samples,
-    rows: Int[np.ndarray, " sample"],
-    *,
-    refused: Mapping[str, str],
-    bins: int,
-    frame: Mapping[str, tuple[float, float]] | None,
-) -> tuple[Panel, ...]:
-    return tuple(
-        Panel(y=Axis(name, "1", (-1.0, 1.0)), refusal=refused[name])
-        if name in refused
-        else _panel(samples, rows, name, bins=bins, frame=frame)
-        for name in COEFFICIENTS
-    )
-
-
 def _panel(
     samples: Samples,
     rows: Int[np.ndarray, " sample"],
     name: str,
     *,
     bins: int,
-    frame: Mapping[str, tuple[float, float]] | None,
+    shown: tuple[float, float] | None,
 ) -> Panel:
     time = column(samples, "t")[rows]
     measured = column(samples, f"{name}_measured")[rows]
@@ -153,8 +150,8 @@ def _panel(
     predicted_sd = column(samples, f"{name}_sd")[rows]
     curve, around = band("measured", time, measured, measured_sd, role="measured", bins=bins)
     model, sure = band("predicted", time, predicted, predicted_sd, role="predicted", bins=bins)
-    shown = frame[name] if frame is not None else limits(measured, predicted)
-    return Panel(y=Axis(name, "1", shown), series=(curve, model), bands=(around, sure))
+    reach = limits(measured, predicted) if shown is None else shown
+    return Panel(y=Axis(name, "1", reach), series=(curve, model), bands=(around, sure))
 
 
 def _reach(time: Float[np.ndarray, " sample"]) -> tuple[float, float]:

@@ -92,7 +92,7 @@ def content(summary: Mapping, samples: Samples, *, unseen: bool) -> Content:
         summary=summary,
         findings=findings(summary),
         scores=tables.scores(summary),
-        close_ups=_close_ups(samples, held_out, reasons),
+        close_ups=_close_ups(samples, held_out, present, several=len(summary["flights"]) > 1),
         left_out=max(len(held_out) - _CLOSE_UPS, 0),
         flights=_flights(summary, samples, found, reasons),
         maneuvers=tables.flown(samples, found, present),
@@ -126,14 +126,14 @@ def control_names(summary: Mapping, samples: Samples) -> tuple[str, ...]:
 
 
 def _close_ups(
-    samples: Samples, held_out: Sequence[Maneuver], reasons: Mapping[str, str]
+    samples: Samples, held_out: Sequence[Maneuver], names: Sequence[str], *, several: bool
 ) -> tuple[Figure, ...]:
-    if not held_out:
+    if not held_out or not names:
         return ()
     shown = coefficients.chosen(held_out, _CLOSE_UPS)
-    frame = coefficients.common_frame(samples, shown)
+    frame = coefficients.common_frame(samples, shown, names)
     return tuple(
-        coefficients.close_up(samples, maneuver, refused=reasons, frame=frame, bins=_CLOSE_UP_BINS)
+        coefficients.close_up(samples, maneuver, frame=frame, several=several, bins=_CLOSE_UP_BINS)
         for maneuver in shown
     )
 

@@ -47,13 +47,16 @@ def specification(figure: Figure) -> dict:
     data: list[dict] = []
     for number, (panel, domain) in enumerate(zip(figure.panels, domains, strict=True), start=1):
         layout[_key("yaxis", number)] = _y_axis(panel, domain)
-        layout["annotations"] += _heading(panel, domain[1], number) + _refusal(
-            panel, domain, figure
-        )
-        layout["shapes"] += _panel_shapes(panel, number, domain)
+        layout["annotations"] += _heading(panel, domain[1], number) + _refusal(panel, domain)
+        layout["shapes"] += [_rule(rule, number) for rule in panel.rules]
         data += [_band(band, number) for band in panel.bands]
         data += [_series(series, number, panel.y.unit, figure.size) for series in panel.series]
     layout["shapes"] += [_span(span, flag=_FLAG / inner) for span in figure.spans]
+    layout["shapes"] += [
+        _refused_ground(domain)
+        for panel, domain in zip(figure.panels, domains, strict=True)
+        if panel.refusal is not None
+    ]
     layout["annotations"] += _span_names(figure)
     if not data:
         data.append({"x": list(figure.x.limits), "y": [None, None], "hoverinfo": "skip"})
@@ -198,13 +201,11 @@ def _heading(panel: Panel, at: float, number: int) -> list[dict]:
     ]
 
 
-def _refusal(panel: Panel, domain: tuple[float, float], figure: Figure) -> list[dict]:
+def _refusal(panel: Panel, domain: tuple[float, float]) -> list[dict]:
     if panel.refusal is None:
         return []
-    narrow = figure.size == "small"
-    reason = textwrap.shorten(panel.refusal, 110 if narrow else 240, placeholder=" …")
-    lines = textwrap.wrap(escape(reason), 42 if narrow else 50)
-    text = "<br>".join(["<b>refused</b>", *lines])
+    reason = textwrap.shorten(panel.refusal, 240, placeholder=" …")
+    text = "<br>".join(["<b>refused</b>", *textwrap.wrap(escape(reason), 50)])
     middle = 0.5 * (domain[0] + domain[1])
     return [_note(text, x=0.5, y=middle, xanchor="center", yanchor="middle", colour=token("muted"))]
 
@@ -234,12 +235,9 @@ def _note(
     }
 
 
-def _panel_shapes(panel: Panel, number: int, domain: tuple[float, float]) -> list[dict]:
-    shapes = [_rule(rule, number) for rule in panel.rules]
-    if panel.refusal is not None:
-        ground = _rectangle("paper", 0.0, 1.0, "paper", domain[0], domain[1])
-        shapes.append({**ground, "fillcolor": token("raised")})
-    return shapes
+def _refused_ground(domain: tuple[float, float]) -> dict:
+    ground = _rectangle("paper", 0.0, 1.0, "paper", domain[0], domain[1])
+    return {**ground, "fillcolor": token("raised")}
 
 
 def _rule(rule: Rule, number: int) -> dict:

@@ -81,12 +81,14 @@ def test_close_ups_share_the_frame_that_holds_them_all(
     samples: dict[str, np.ndarray], summary: dict
 ) -> None:
     found = [item for item in maneuvers(samples, summary["maneuvers"]) if item.held_out]
-    frame = coefficients.common_frame(samples, found)
+    frame = coefficients.common_frame(samples, found, ("CX", "Cn"))
     shown = [
-        coefficients.close_up(samples, item, refused={}, frame=frame, bins=5000) for item in found
+        coefficients.close_up(samples, item, frame=frame, several=True, bins=5000) for item in found
     ]
     assert len({panel.y.limits for figure in shown for panel in figure.panels[:1]}) == 1
     for figure, item in zip(shown, found, strict=True):
+        assert [panel.y.label for panel in figure.panels] == ["CX", "Cn"]
+        assert figure.caption.startswith("flight 1, ")
         assert figure.title == item.name
         assert figure.panels[0].series[0].x.size == item.rows.size
 
