@@ -6,6 +6,7 @@ bounded mailbox. A slow reader therefore never delays the link; what it could no
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections import deque
@@ -21,6 +22,7 @@ from gcs_sysid.errors import SourceError
 SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
 """Beginnings of link addresses; a serial device is a path: /dev/ttyUSB0,57600 or COM3,57600."""
 
+_HOST_AND_PORT = re.compile(r"[^:\s]+:\d{1,5}")
 _LARGEST_READ = 65535
 _PATIENCE_S = 0.2
 
@@ -129,16 +131,16 @@ def _open(address: str) -> _Port:
             "is neither a link nor a serial device",
             fix=f"begin with one of {', '.join(SCHEMES)}, or give a path as /dev/ttyUSB0,57600",
         )
+    if address.startswith(SCHEMES) and not _HOST_AND_PORT.fullmatch(address.partition(":")[2]):
+        raise SourceError(
+            address, "is no host and port number", fix="write it as udp:127.0.0.1:14550"
+        )
     try:
         # One attempt: pymavlink prints and sleeps between several.
         return mavutil.mavlink_connection(address, retries=1)
     except ModuleNotFoundError as error:
         raise SourceError(
             address, "serial links need pyserial", fix="pip install pyserial"
-        ) from error
-    except ValueError as error:
-        raise SourceError(
-            address, f"malformed address ({error})", fix="write it as udp:127.0.0.1:14550"
         ) from error
     except OSError as error:
         raise _broken(address, error) from error

@@ -70,7 +70,7 @@ class LiveClock:
         if boot is None:
             return self._travelled(link_us), False
         time = boot + self._offset_us
-        if name in FRESH and time >= self._last_time_us:
+        if name in FRESH and "time_boot_ms" in fields and time >= self._last_time_us:
             self._last_time_us, self._last_link_us = time, link_us
         return time, True
 

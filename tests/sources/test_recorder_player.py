@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gcs_sysid.errors import SourceError
+from gcs_sysid.sources import tlog
+from gcs_sysid.sources.player import play
+from gcs_sysid.sources.recorder import Recorder
+from gcs_sysid.sources.stream import FrameStream
+
+
+class Clock:
+    """Time that passes only by sleeping."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.naps: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.naps.append(seconds)
+        self.now += seconds
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_the_log_sets_the_time(writer: type, speed: float) -> None:
+    log = writer().heartbeat(0).heartbeat(20_000).heartbeat(20_000).heartbeat(3_500_000)
+    clock, sent = Clock(), []
+    count = play(
+        log.data,
+        lambda frame: sent.append((clock.now - 100.0, frame)),
+        speed=speed,
+        clock=clock,
+        sleep=clock.sleep,
+    )
+    assert count == 4
+    assert [t * speed for t, _ in sent] == pytest.approx([0.0, 0.02, 0.02, 3.5])
+    assert [frame for _, frame in sent] == [frame for _, frame in log.records]
+
+
+def test_as_fast_as_it_goes(writer: type) -> None:
+    log = writer().heartbeat(0).heartbeat(10**9)
+    clock = Clock()
+    assert play(log.data, len, speed=float("inf"), clock=clock, sleep=clock.sleep) == 2
+    assert clock.naps == []
+
+
+def test_progress_goes_on_in_pauses(writer: type) -> None:
+    log = writer().heartbeat(0).heartbeat(3_000_000)
+    clock, told = Clock(), []
+    play(
+        log.data,
+        len,
+        clock=clock,
+        sleep=clock.sleep,
+        progress=lambda played, whole: told.append((played, whole)),
+    )
+    assert [played for played, _ in told] == pytest.approx([0.5, 1, 1.5, 2, 2.5, 3, 3])
+    assert {whole for _, whole in told} == {3.0}
+
+
+def test_arrivals_that_fall_back_are_sent_at_once(writer: type) -> None:
+    log = writer().heartbeat(0).heartbeat(1_000_000)
+    records = log.data
+    later, earlier = records[: len(records) // 2], records[len(records) // 2 :]
+    clock = Clock()
+    assert play(earlier + later, len, clock=clock, sleep=clock.sleep) == 2
+    assert clock.naps == []
+
+
+def test_a_recording_is_a_tlog(writer: type, tmp_path: Path) -> None:
+    path, stream = tmp_path / "r.tlog", FrameStream()
+    log = writer().heartbeat(0).add(5, "ATTITUDE", time_boot_ms=3).add(9, "MEMINFO", freemem=2)
+    with Recorder(path) as recorder:
+        for link_us, frame in log.records:
+            recorder.write(stream.feed(frame, link_us))
+    assert path.read_bytes() == log.data
+    assert recorder.frames == 3
+
+
+def test_every_batch_is_there_at_once(writer: type, tmp_path: Path) -> None:
+    """A program that is killed must not lose what it received."""
+    path, stream = tmp_path / "r.tlog", FrameStream()
+    log = writer().heartbeat(1).heartbeat(2)
+    with Recorder(path) as recorder:
+        for i, (link_us, frame) in enumerate(log.records):
+            recorder.write(stream.feed(frame, link_us))
+            assert len(tlog.frames(path.read_bytes())) == i + 1
+
+
+def test_it_reaches_the_disk_every_second(
+    writer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, synced = Clock(), []
+    monkeypatch.setattr("os.fsync", lambda _: synced.append(clock.now))
+    stream = FrameStream()
+    frame = writer().frame("HEARTBEAT")
+    with Recorder(tmp_path / "r.tlog", clock=clock) as recorder:
+        for _ in range(26):
+            clock.now += 0.125
+            recorder.write(stream.feed(frame, 0))
+    assert synced == [101.0, 102.0, 103.0]
+
+
+def test_a_recording_is_never_overwritten_but_continued(writer: type, tmp_path: Path) -> None:
+    path, stream = tmp_path / "r.tlog", FrameStream()
+    frame = writer().frame("HEARTBEAT")
+    for append in (False, True):
+        with Recorder(path, append=append) as recorder:
+            recorder.write(stream.feed(frame, 7))
+    assert tlog.frames(path.read_bytes()) == [(7, frame), (7, frame)]
+    with pytest.raises(SourceError, match=r"exists already.*--resume"):
+        Recorder(path)
+
+
+def test_a_disk_that_is_full_is_told_at_once(writer: type) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("the system has no /dev/full")
+    recorder = Recorder(full, append=True)
+    with pytest.raises(SourceError, match="recording failed"):
+        recorder.write(FrameStream().feed(writer().frame("HEARTBEAT"), 0))
+    with pytest.raises(SourceError, match="recording failed"):
+        recorder.close()
+
+
+def test_a_folder_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="recording failed"):
+        Recorder(tmp_path / "missing" / "r.tlog")
