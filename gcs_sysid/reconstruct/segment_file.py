@@ -170,7 +170,7 @@ def _time(
     return plain if on_clock is None else on_clock
 
 
-def _number(entry: Mapping[str, Any], key: str, where: str, name: str) -> float | None:
+def _number(entry: Mapping[str, Any], key: str, where: str, name: str) -> int | float | None:
     value = entry.get(key)
     if value is None:
         return None
