@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -32,7 +33,7 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 def command(
     logs: tuple[Path, ...],
     aircraft: Path,
-    prior: str,
+    prior: Literal["file", "none"],
     stepwise: bool,
     segments: Path | None,
     vehicle: int | None,
