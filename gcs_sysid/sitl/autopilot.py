@@ -17,13 +17,10 @@ from gcs_sysid.aircraft import Aircraft, Servo
 from gcs_sysid.sitl.inputs import THROTTLE
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.servo import interpolate
-from gcs_sysid.sitl.slopes import Slopes, slopes
+from gcs_sysid.sitl.slopes import GRAVITY, Slopes, Trim, slopes, thrust_at
 
 PERIOD = 0.02
 """Time between two runs of the control loops [s]."""
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²] (ISO 80000-3)."""
 
 # Shares of 1/(lag + delay): a rate loop with 60° of phase left, and half and a quarter of that
 # for what is closed around it.
@@ -65,6 +62,14 @@ class Autopilot:
     bandwidth: float
     mass: float
     thrust_slope: float
+
+    def settled(self, trim: Trim) -> Memory:
+        """The integrators as they stand when the aircraft flies level."""
+        return Memory(
+            pitch=trim.control * self.slope.pitch_control,
+            theta=trim.alpha,
+            thrust=trim.throttle * self.thrust_slope / self.mass,
+        )
 
     def command(
         self, memory: Memory, sensed: Sensed, leg: Leg
@@ -129,35 +134,39 @@ class Autopilot:
 def autopilot(aircraft: Aircraft, airspeed: float) -> Autopilot:
     """The autopilot with the gains for a leg at `airspeed` [m/s]."""
     lag = max((servo.delay + servo.time_constant for servo in aircraft.servos), default=0.0)
-    thrust = sum(
-        interpolate(airspeed, thruster.airspeed, thruster.thrust[-1])
-        - interpolate(airspeed, thruster.airspeed, thruster.thrust[0])
-        for thruster in aircraft.propulsion
-    )
+    low, high = (thrust_at(aircraft, airspeed, throttle) for throttle in (0.0, 1.0))
     return Autopilot(
         slope=slopes(aircraft, airspeed),
         # A command is held for one period, half of it on average, and computed from the last one.
         bandwidth=1.0 / (lag + PERIOD),
         mass=aircraft.mass.mass,
-        thrust_slope=max(thrust, 0.05 * aircraft.mass.mass * GRAVITY),
+        thrust_slope=max(high - low, 0.05 * aircraft.mass.mass * GRAVITY),
     )
 
 
-def outputs(aircraft: Aircraft, commands: Mapping[str, float]) -> dict[int, int]:
-    """Pulses [µs] by output channel for controls [rad] and `throttle` (0 to 1)."""
-    surfaces = [servo.surface for servo in aircraft.servos]
-    mix = np.array([[c.mix.get(name, 0.0) for name in surfaces] for c in aircraft.controls])
-    wanted = np.array([commands.get(name, 0.0) for name in aircraft.control_names])
-    deflections = np.linalg.pinv(mix) @ wanted
-    pulses = {
-        servo.channel: _pulse(servo, float(deflection))
-        for servo, deflection in zip(aircraft.servos, deflections, strict=True)
-    }
-    for thruster in aircraft.propulsion:
+class Mixer:
+    """From commands to the pulses of one aircraft's output channels."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        surfaces = [servo.surface for servo in aircraft.servos]
+        mix = np.array([[c.mix.get(name, 0.0) for name in surfaces] for c in aircraft.controls])
+        self._gains: list[list[float]] = np.linalg.pinv(mix).tolist()
+        self._names = aircraft.control_names
+        self._servos = aircraft.servos
+        self._thrusters = aircraft.propulsion
+
+    def pulses(self, commands: Mapping[str, float]) -> dict[int, int]:
+        """Pulses [µs] by output channel for controls [rad] and `throttle` (0 to 1)."""
+        wanted = [commands.get(name, 0.0) for name in self._names]
+        pulses = {
+            servo.channel: _pulse(servo, sum(g * w for g, w in zip(gains, wanted, strict=True)))
+            for servo, gains in zip(self._servos, self._gains, strict=True)
+        }
         share = min(max(commands.get(THROTTLE, 0.0), 0.0), 1.0)
-        low, high = thruster.pwm[0], thruster.pwm[-1]
-        pulses[thruster.throttle_channel] = round(low + share * (high - low))
-    return pulses
+        for thruster in self._thrusters:
+            low, high = thruster.pwm[0], thruster.pwm[-1]
+            pulses[thruster.throttle_channel] = round(low + share * (high - low))
+        return pulses
 
 
 def neutral(servo: Servo) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import telemetry
-from gcs_sysid.sitl.autopilot import PERIOD, Autopilot, Memory, autopilot, neutral, outputs
+from gcs_sysid.sitl.autopilot import PERIOD, Mixer, autopilot
 from gcs_sysid.sitl.inputs import THROTTLE, signal
 from gcs_sysid.sitl.jsbsim_aircraft import (
     STEP,
@@ -26,13 +26,15 @@ from gcs_sysid.sitl.link import Frame, Link, Transmitter, tlog
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Measurement, Noise, Sensors
 from gcs_sysid.sitl.servo import Actuator, surface, throttle
+from gcs_sysid.sitl.slopes import trim
 
 EPOCH_US = 1_790_000_000_000_000
 """Wall time at which a recording begins unless its flight says otherwise: 21 September 2026. A
 clock would make every recording another file."""
 
-SETTLE = 20.0
-"""Flown before the recording begins, so that the autopilot has found its trim [s]."""
+SETTLE = 8.0
+"""Flown before the recording begins, so that the autopilot finds the trim of what really flies [s].
+"""
 
 _STATE_COLUMNS = (
     *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
@@ -189,8 +191,12 @@ class _Vehicle:
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
         sensors, link = np.random.SeedSequence(flight.seed).spawn(2)
+        level = trim(flight.believed, flight.start.airspeed)
         self._aircraft = JsbsimAircraft(
-            flight.flown, start=flight.start, wind=flight.wind, seed=flight.seed
+            flight.flown,
+            start=replace(flight.start, alpha=level.alpha),
+            wind=flight.wind,
+            seed=flight.seed,
         )
         self._sensors = Sensors(
             flight.flown,
@@ -199,9 +205,12 @@ class _Vehicle:
             generator=np.random.default_rng(sensors),
         )
         self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
-        self._actuators = _Actuators(flight.flown)
-        self._autopilots: dict[float, Autopilot] = {}
-        self._memory = Memory()
+        pilot = autopilot(flight.believed, flight.start.airspeed)
+        level_commands = {pilot.slope.pitch_name: level.control, THROTTLE: level.throttle}
+        self._mixer = Mixer(flight.believed)
+        self._actuators = _Actuators(flight.flown, self._mixer.pulses(level_commands))
+        self._autopilots = {flight.start.airspeed: pilot}
+        self._memory = pilot.settled(level)
         self._used = 0.0
         self._rows: list[list[float]] = []
 
@@ -210,7 +219,7 @@ class _Vehicle:
         state = self._aircraft.state()
         measurement = self._sensors.measure(state)
         commands = self._command(measurement, leg, added)
-        pulses = outputs(self._flight.believed, commands)
+        pulses = self._mixer.pulses(commands)
         power = min(max(commands[THROTTLE], 0.0), 1.0)
         self._used += telemetry.current(power) * PERIOD / 3600.0
         if tick >= 0:
@@ -281,24 +290,27 @@ class _Vehicle:
 
 
 class _Actuators:
-    """All servos and motors of an aircraft, at rest to begin with."""
+    """All servos and motors of an aircraft, at rest on `pulses` to begin with."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, aircraft: Aircraft, pulses: Mapping[int, int]) -> None:
         self._servos = [
-            (servo.channel, servo.surface, surface(servo, start=neutral(servo)))
+            (servo.channel, servo.surface, surface(servo, start=float(pulses[servo.channel])))
             for servo in aircraft.servos
         ]
         self._motors: list[tuple[int, Actuator]] = [
-            (thruster.throttle_channel, throttle(thruster, start=thruster.pwm[0]))
+            (
+                thruster.throttle_channel,
+                throttle(thruster, start=float(pulses[thruster.throttle_channel])),
+            )
             for thruster in aircraft.propulsion
         ]
         self._mix = [(control.name, tuple(control.mix.items())) for control in aircraft.controls]
 
     def command(self, time: float, pulses: Mapping[int, int]) -> None:
         for channel, _, actuator in self._servos:
-            actuator.command(time, pulses[channel])
+            actuator.command(time, float(pulses[channel]))
         for channel, actuator in self._motors:
-            actuator.command(time, pulses[channel])
+            actuator.command(time, float(pulses[channel]))
 
     def advance(self, time: float) -> list[float]:
         """Move all to `time` [s]; returns the throttles."""

@@ -10,6 +10,10 @@ from dataclasses import dataclass
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
+from gcs_sysid.sitl.servo import interpolate
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²] (ISO 80000-3)."""
 
 SEA_LEVEL_DENSITY = 1.225
 """ICAO standard atmosphere [kg/m³]."""
@@ -84,6 +88,50 @@ def slopes(aircraft: Aircraft, airspeed: float) -> Slopes:
         yaw_control=yaw * slope(aircraft, "Cn", yaw_name) if yaw_name else 0.0,
         yaw_stiffness=yaw * slope(aircraft, "Cn", "beta"),
     )
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Steady level flight, roughly: angle of attack [rad], pitch control [rad], throttle 0 to 1."""
+
+    alpha: float
+    control: float
+    throttle: float
+
+
+def trim(aircraft: Aircraft, airspeed: float) -> Trim:
+    """Level flight at an equivalent airspeed [m/s], from constant and linear terms and alpha²."""
+    force = 0.5 * SEA_LEVEL_DENSITY * airspeed**2 * aircraft.geometry.wing_area
+    weight = aircraft.mass.mass * GRAVITY
+    lift = slope(aircraft, "CZ", "alpha") or -1.0
+    alpha = (-weight / force - slope(aircraft, "CZ", "1")) / lift
+    moment = slope(aircraft, "Cm", "1") + slope(aircraft, "Cm", "alpha") * alpha
+    control = -moment / slope(aircraft, "Cm", slopes(aircraft, airspeed).pitch_name)
+    drag = sum(slope(aircraft, "CX", f"alpha{p}") * alpha**n for n, p in ((1, ""), (2, "^2")))
+    thrust = weight * math.sin(alpha) - force * (slope(aircraft, "CX", "1") + drag)
+    return Trim(alpha, control, _throttle(aircraft, airspeed, thrust))
+
+
+def thrust_at(aircraft: Aircraft, airspeed: float, throttle: float) -> float:
+    """Thrust of all thrusters together at sea level [N]."""
+    return sum(
+        interpolate(
+            throttle,
+            thruster.throttle,
+            [interpolate(airspeed, thruster.airspeed, row) for row in thruster.thrust],
+        )
+        for thruster in aircraft.propulsion
+    )
+
+
+def _throttle(aircraft: Aircraft, airspeed: float, thrust: float) -> float:
+    low, high = 0.0, 1.0
+    # Halved until the pulse is known to a tenth of a microsecond.
+    while high - low > 1e-4:
+        middle = 0.5 * (low + high)
+        enough = thrust_at(aircraft, airspeed, middle) >= thrust
+        low, high = (low, middle) if enough else (middle, high)
+    return high
 
 
 def slope(aircraft: Aircraft, coefficient: str, key: str) -> float:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.sitl.autopilot import GRAVITY, neutral
+from gcs_sysid.sitl.autopilot import neutral
 from gcs_sysid.sitl.sensors import Measurement
+from gcs_sysid.sitl.slopes import GRAVITY
 
 Message = mavlink.MAVLink_message
 
@@ -100,7 +101,7 @@ def parameters(aircraft: Aircraft) -> list[Message]:
     for servo in aircraft.servos:
         word = servo.surface.split("_", maxsplit=1)[0]
         values |= _output_parameters(
-            servo.channel, servo.pwm, _SERVO_FUNCTIONS.get(word, 0), neutral(servo)
+            servo.channel, servo.pwm, _SERVO_FUNCTIONS.get(word, 0), float(neutral(servo))
         )
     for thruster in aircraft.propulsion:
         channel, pwm = thruster.throttle_channel, thruster.pwm

@@ -90,7 +90,7 @@ def flown() -> list[tuple[JsbsimAircraft, State, dict[str, float], list[float]]]
     """States in turbulence, wind and sideslip, with controls that change all the time."""
     aircraft = JsbsimAircraft(
         examples.everything(),
-        start=Start(airspeed=19.0, heading_deg=40.0, alpha_deg=4.0),
+        start=Start(airspeed=19.0, heading=0.7, alpha=0.07),
         wind=Wind((2.0, -3.0, 0.5), gust=0.8),
         seed=4,
     )
@@ -177,19 +177,21 @@ def test_a_body_without_air_forces_falls():
 def test_roll_rate_follows_a_ramp_of_the_aileron():
     """p(t) = -2V/b·Clδ/Clp·k·(t - τ·(1 - exp(-t/τ))) for δ = k·t; τ = -4·Ixx/(ρ·V·S·b²·Clp)."""
     lateral = {"Cl": examples.terms(phat=-0.45, aileron=0.16)}
-    aircraft = JsbsimAircraft(examples.plain(lateral), start=Start(airspeed=60.0, alpha_deg=0.0))
+    aircraft = JsbsimAircraft(examples.plain(lateral), start=Start(airspeed=60.0))
     state = aircraft.state()
     slope = 2.0 * state.V / 1.3 * 0.16 / 0.45 * 0.4
     tau = 4.0 * 0.07 / (state.density * state.V * 0.3 * 1.3**2 * 0.45)
-    for step in range(1, 101):
+    for step in range(1, 61):
         time = step * STEP
         aircraft.advance({"aileron": 0.4 * time}, [])
-        if step in (20, 50, 100):
+        if step in (15, 30, 60):
             wanted = slope * (time - tau * (1.0 - math.exp(-time / tau)))
-            # Falling for 0.25 s adds 0.1 % of speed.
+            # Falling for 0.24 s adds 0.1 % of speed.
             assert aircraft.state().p == pytest.approx(wanted, rel=2e-3)
 
 
+# JSBSim's Python layer answers with numpy.matrix.
+@pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
 def test_mass_and_inertia_reach_jsbsim_unrounded(flown):
     fdm, mass = flown[0][0]._fdm, flown[0][0].aircraft.mass
     assert fdm["inertia/mass-slugs"] * units.SLUG == pytest.approx(mass.mass, rel=1e-12)
@@ -201,13 +203,13 @@ def test_turbulence_has_the_specified_intensities():
     """MIL-F-8785C at low altitude, with sigma_p of JSBSim's reference (Yeager 1998, equation 8)."""
     height, speed, gust = 140.0, 20.0, 0.7
     columns = {name: [] for name in ("u", "v", "w", "p")}
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         for name, samples in frozen_air(height, speed, gust, seed).items():
             columns[name].append(samples)
     spread = {name: float(np.std(np.concatenate(parts))) for name, parts in columns.items()}
     feet = height / units.FOOT
     horizontal = gust / (0.177 + 0.000823 * feet) ** 0.4
-    # 3000 s hold 200 correlation times of u and v, 850 of w: 5 % and 2.5 % of scatter.
+    # 2000 s hold 140 correlation times of u, 280 of v and 570 of w: 6 %, 4 % and 3 % of scatter.
     assert spread["w"] == pytest.approx(gust, rel=0.08)
     assert spread["u"] == pytest.approx(horizontal, rel=0.15)
     assert spread["v"] == pytest.approx(horizontal, rel=0.15)
@@ -218,7 +220,7 @@ def frozen_air(height: float, speed: float, gust: float, seed: int) -> dict[str,
     """Turbulence past an aircraft held in its place, headed along the wind's axis, 1000 s."""
     aircraft = JsbsimAircraft(
         examples.plain({"CX": examples.terms(one=0.0)}),
-        start=Start(height=height, elevation=0.0, airspeed=speed, alpha_deg=0.0),
+        start=Start(height=height, elevation=0.0, airspeed=speed),
         wind=Wind(gust=gust),
         seed=seed,
         step=0.02,
