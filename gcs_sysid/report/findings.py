@@ -248,6 +248,9 @@ def _known(value: float | None) -> bool:
 
 
 def _rows(summary: Mapping) -> list[Derivative]:
+    """Derivatives that this run found; a prediction finds none, whatever its model holds."""
+    if summary["command"] != "identify":
+        return []
     table = derivatives(summary.get("derivatives") or {})
     return [row for rows in table.values() for row in rows if row.regressor != "1"]
 

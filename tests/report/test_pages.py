@@ -195,9 +195,12 @@ def test_several_flights_have_figures_each(example: ModuleType) -> None:
 def test_a_prediction_has_no_derivatives_and_all_maneuvers_are_unseen(
     example: ModuleType, samples: dict[str, np.ndarray]
 ) -> None:
-    made = example.summary(samples, command="predict") | {"derivatives": {}}
+    origin = {"flights": [{"source": "the_teacher.tlog", "sha256": "c0ffee"}]}
+    made = example.summary(samples, command="predict") | {"model": origin}
     page = Page(predict.render(made, samples | {"held_out": np.zeros(samples["t"].size, bool)}))
     assert "Prediction report" in page.words
+    assert "the_teacher.tlog c0ffee" in page.words
+    assert "derivatives are determined" not in page.words
     assert ("section", "id", "derivatives") not in page.attributes
     shapes = page.payload["figures"]["coefficients-0"]["layout"]["shapes"]
     marked = [shape for shape in shapes if shape["type"] == "rect"]
