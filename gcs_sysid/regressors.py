@@ -299,7 +299,8 @@ def _unreadable(text: str, piece: str, start: int) -> RegressorError:
 
 
 def _unknown_variable(text: str, name: str, at: int, known: Sequence[str]) -> RegressorError:
-    close = difflib.get_close_matches(name, known, n=1)
+    by_lower = {each.lower(): each for each in known}
+    close = [by_lower[key] for key in difflib.get_close_matches(name.lower(), by_lower, n=1)]
     return RegressorError(
         f"unknown variable `{name}` at character {at + 1} of `{text}`",
         allowed=", ".join(known),

@@ -47,6 +47,12 @@ def relative_sigma(section: Section, key: str, default: float) -> float:
 def lag(section: Section, key: str, *, least: float = 0.0, most: float = _SLOWEST) -> float:
     """A time [s], by default 0."""
     time = section.number(key, "s", default=0.0, least=least)
+    check_seconds(section, key, time, most=most)
+    return time
+
+
+def check_seconds(section: Section, key: str, time: float, *, most: float = _SLOWEST) -> None:
+    """Refuse a time that must be in milliseconds."""
     if time > most:
         raise section.error(
             key,
@@ -54,4 +60,3 @@ def lag(section: Section, key: str, *, least: float = 0.0, most: float = _SLOWES
             allowed=f"seconds up to {most:g}",
             fix=f"for {time:g} ms write {key} = {time / 1000.0:g}",
         )
-    return time

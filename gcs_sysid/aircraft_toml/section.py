@@ -183,8 +183,8 @@ class Section:
         words = ", ".join(quoted_text(word) for word in allowed) or "a text in quotes"
         value = self._required(key, words)
         if not isinstance(value, str) or not value.strip() or (allowed and value not in allowed):
-            close = difflib.get_close_matches(str(value).upper(), allowed, n=1)
-            example = quoted_text(close[0] if close else allowed[0] if allowed else f"my {key}")
+            same = [word for word in allowed if word.lower() == str(value).strip().lower()]
+            example = quoted_text((*same, *allowed, f"my {key}")[0])
             raise self.error(
                 key, found=describe(value), allowed=words, fix=f"for instance {key} = {example}"
             )

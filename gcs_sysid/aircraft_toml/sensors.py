@@ -18,7 +18,7 @@ from gcs_sysid.aircraft import (
     StreamTiming,
     Vanes,
 )
-from gcs_sysid.aircraft_toml.checks import lag, position, vector
+from gcs_sysid.aircraft_toml.checks import check_seconds, lag, position, vector
 from gcs_sysid.aircraft_toml.keys import KEYS, SENSOR_KEYS
 from gcs_sysid.aircraft_toml.section import Section, describe
 
@@ -101,6 +101,7 @@ def read_vanes(section: Section | None, geometry: Geometry) -> Vanes | None:
 
 def _vane(section: Section, index: int) -> SensorError:
     entry = {key: _vane_entry(section, key, unit)[index] for key, unit in _VANE_UNITS.items()}
+    check_seconds(section, "lag", entry["lag"] or 0.0)
     return SensorError(
         bias=(entry["bias"] or 0.0,),
         scale=_checked_scale(section, (entry["scale"] or 0.0,)),
