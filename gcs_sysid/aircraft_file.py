@@ -167,6 +167,8 @@ def _syntax_error(text: str, message: str, name: str) -> AircraftFileError:
     line = lines[int(place[2]) - 1].strip() if place and place[2] else ""
     if re.match(r"[^\"'\[#=]*[\^*( ][^\"'\[#=]*[^\s\"'\[#=]\s*=", line):
         fix = f'put the key in quotes: "{line.split("=")[0].strip()}" = ...'
+    elif line.startswith("[["):
+        fix = f"something of that name stands above; begin each entry with `{line}`"
     elif re.search(r"overwrite|declare|Duplicate|mutate", message):
         fix = f"`{line}` stands in the file twice; keep one" if line else "it is there twice"
     else:

@@ -123,11 +123,12 @@ def _read_thruster(section: Section, geometry: Geometry) -> Propulsion:
 def _settings(section: Section) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
     """What the rows of the thrust table are: throttle settings, or rotation speeds."""
     if section.has("rpm") == section.has("throttle"):
+        both = section.has("rpm")
         raise section.error(
-            "rpm" if section.has("rpm") else "throttle",
-            found="`rpm` beside `throttle`" if section.has("rpm") else "nothing",
+            "rpm" if both else "throttle",
+            found="`rpm` beside `throttle`" if both else "nothing",
             allowed="`throttle` (0 to 1) or `rpm`, one entry for each row of `thrust`",
-            fix="keep the one that the rows of `thrust` belong to",
+            fix=f"{'keep' if both else 'add'} the one that the rows of `thrust` belong to",
         )
     if section.has("rpm"):
         rpm = section.numbers("rpm", "rpm", at_least=2)

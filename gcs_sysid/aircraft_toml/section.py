@@ -115,7 +115,7 @@ class Section:
         value = self._number(key, self._required(key, allowed), allowed)
         if not (least <= value <= most and value > above):
             raise self.error(
-                key, found=f"{value:g}", allowed=allowed, fix=f"correct `{key}` in its unit"
+                key, found=f"{value:g}", allowed=allowed, fix=f"give `{key}` a value in that range"
             )
         return to_si(value, unit)
 

@@ -54,7 +54,7 @@ MISTAKES = [
     ("[0.05, 0.0, -0.02]", '[0.05, "0", 1]', "imu.position", 'the text "0"', "remove the quotes"),
     ('measures = "CAS"', 'measures = "IAS"', "pitot.measures", '"IAS"', 'measures = "EAS"'),
     ('measures = "CAS"', 'measures = "eas"', "pitot.measures", '"eas"', 'measures = "EAS"'),
-    ("[[servos]]", "[servos]", "line", "overwrite", "keep one"),
+    ("[[servos]]", "[servos]", "line", "overwrite", "begin each entry with `[[servos]]`"),
     (
         "[streams.SERVO_OUTPUT_RAW]\ndelay = -0.04\nsigma = 0.02",
         "[streams]\nSERVO_OUTPUT_RAW = 0.1",
@@ -65,11 +65,17 @@ MISTAKES = [
     ("schema = 1", "schema = 2", "schema", "2", "update the program"),
     ("schema = 1", "schema = 1\nimu = 3", "line", "overwrite", "keep one"),
     # Ranges.
-    ("mass = 11.0", "mass = -11.0", "mass.mass", "-11", "correct `mass`"),
-    ("delay = 0.05", "delay = -0.05", "servos[1].delay", "-0.05", "correct"),
-    ("effectiveness = 0.9", "effectiveness = 0", "servos[1].effectiveness", "0", "correct"),
-    ("bank = 60.0", "bank = 200", "envelope.bank", "200", "correct"),
-    ("scale_sigma = 0.05\nlag =", "scale_sigma = -1\nlag =", "pitot.scale_sigma", "-1", "correct"),
+    ("mass = 11.0", "mass = -11.0", "mass.mass", "-11", "`mass` a value in that range"),
+    ("delay = 0.05", "delay = -0.05", "servos[1].delay", "-0.05", "in that range"),
+    ("effectiveness = 0.9", "effectiveness = 0", "servos[1].effectiveness", "0", "in that range"),
+    ("bank = 60.0", "bank = 200", "envelope.bank", "200", "in that range"),
+    (
+        "scale_sigma = 0.05\nlag =",
+        "scale_sigma = -1\nlag =",
+        "pitot.scale_sigma",
+        "-1",
+        "in that range",
+    ),
     ("lag = [0.02, 0.03]", "lag = [0.02, -0.03]", "vanes.lag", "-0.03", "minus sign"),
     # Inertia.
     ("Ixz = 0.12", "Ixz = 1.3", "mass.Ixz", "Ixz 1.3, Ixy 0.01", "∫xz dm"),
@@ -126,7 +132,7 @@ MISTAKES = [
     (", [67.0, 7.0]]\ntorque", "]\ntorque", "propulsion[0].thrust", "2 rows of 2", "one row"),
     ("[20.0, 5.0]", "[20.0, 5.0, 3.0]", "propulsion[0].thrust", "3 rows of 2, 3", "one column"),
     ("torque = [[0.0, 0.0],", "torque = [", "propulsion[0].torque", "2 rows of 2", "one row"),
-    ("throttle = [0.0, 0.5, 1.0]\n", "", "propulsion[0].throttle", "nothing", "keep the one"),
+    ("throttle = [0.0, 0.5, 1.0]\n", "", "propulsion[0].throttle", "nothing", "add the one"),
     (
         "rpm = [0, 8000]",
         "throttle = [0, 1]",
@@ -237,7 +243,7 @@ MISTAKES = [
         "write 0.1222",
     ),
     ("sd = 0.4 }", "sd = 0.4, sigma = 0.1 }", "aerodynamics.CZ.alpha.sd", "beside", "keep one"),
-    ("sd = 0.4 }", "sd = 0 }", "aerodynamics.CZ.alpha.sd", "0", "correct"),
+    ("sd = 0.4 }", "sd = 0 }", "aerodynamics.CZ.alpha.sd", "0", "in that range"),
     (
         "{ value = -5.65, sd = 0.4 }",
         "{ sd = 0.4 }",
