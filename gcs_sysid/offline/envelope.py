@@ -25,6 +25,8 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²]: what one unit of load factor is."""
 CLOCK = 5.0
 """Rate [Hz] at which airspeed and speed over ground are compared."""
+SCALE = (0.8, 1.4)
+"""True over indicated airspeed: a bad pitot tube to a good one at 6000 m."""
 SHORTEST_FOR_WIND = 60.0
 """A wind fitted to less flight [s] means nothing."""
 
@@ -150,11 +152,14 @@ def wind(recording: Recording, flights: tuple[Interval, ...]) -> Wind | None:
     east = np.interp(time, known, ground.channels["v_east"][valid])
     down = _vertical(recording, time)
 
-    def left(guess: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " sample"]:
-        through_air = np.sqrt((north - guess[0]) ** 2 + (east - guess[1]) ** 2 + down**2)
-        return guess[2] * speed - through_air
+    def left(unknown: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " sample"]:
+        through_air = np.sqrt((north - unknown[0]) ** 2 + (east - unknown[1]) ** 2 + down**2)
+        return unknown[2] * speed - through_air
 
-    found = optimize.least_squares(left, np.array([0.0, 0.0, 1.0]), loss="soft_l1", f_scale=2.0)
+    # On a straight flight a scale of zero would explain any gust away as a tail wind.
+    bounds = ([-np.inf, -np.inf, SCALE[0]], [np.inf, np.inf, SCALE[1]])
+    guess = np.array([0.0, 0.0, 1.0])
+    found = optimize.least_squares(left, guess, bounds=bounds, loss="soft_l1", f_scale=2.0)
     rest = left(found.x)
     rest = rest - ndimage.uniform_filter1d(rest, int(20.0 * CLOCK))
     spread = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))

@@ -159,22 +159,22 @@ def _streams(recording: Recording, flights: tuple[Interval, ...]) -> list[Findin
                 COEFFICIENTS,
                 "no airspeed was recorded, and every coefficient is a force over dynamic pressure",
                 "fit and enable a pitot tube (ArduPilot: ARSPD_TYPE, ARSPD_USE = 1) and "
-                + ask(recording, "VFR_HUD", 10),
+                + ask(recording, "VFR_HUD", 10.0),
             )
         )
     needs = (
-        (GYRO_STREAMS, ("p", "q", "r"), "angular rate", "RAW_IMU", 50, COEFFICIENTS),
-        (ATTITUDE_STREAMS, ("roll", "pitch", "yaw"), "attitude", "ATTITUDE", 50, COEFFICIENTS),
+        (GYRO_STREAMS, ("p", "q", "r"), "angular rate", "RAW_IMU", 50.0, COEFFICIENTS),
+        (ATTITUDE_STREAMS, ("roll", "pitch", "yaw"), "attitude", "ATTITUDE", 50.0, COEFFICIENTS),
         (
             VELOCITY_STREAMS,
             ("v_north", "v_east", "v_down"),
             "velocity over ground (wind cannot be told from flow angles)",
             "GLOBAL_POSITION_INT",
-            10,
+            10.0,
             COEFFICIENTS,
         ),
-        ((SERVO_STREAM,), (), "surface command", SERVO_STREAM, 50, COEFFICIENTS),
-        (IMU_STREAMS, ("acc_x", "acc_y", "acc_z"), "specific force", "RAW_IMU", 50, FORCES),
+        ((SERVO_STREAM,), (), "surface command", SERVO_STREAM, 50.0, COEFFICIENTS),
+        (IMU_STREAMS, ("acc_x", "acc_y", "acc_z"), "specific force", "RAW_IMU", 50.0, FORCES),
     )
     for names, channels, what, message, rate, coefficients in needs:
         if missing(names, *channels):
@@ -191,7 +191,7 @@ def _streams(recording: Recording, flights: tuple[Interval, ...]) -> list[Findin
             Finding(
                 COEFFICIENTS,
                 "neither static pressure nor altitude was recorded, so air density is unknown",
-                ask(recording, "SCALED_PRESSURE", 10),
+                ask(recording, "SCALED_PRESSURE", 10.0),
             )
         )
     return found
@@ -249,7 +249,7 @@ def _surfaces(recording: Recording, aircraft: Aircraft | None) -> list[Finding]:
             Finding(
                 COEFFICIENTS,
                 f"no output in {SERVO_STREAM} ever moves",
-                ask(recording, SERVO_STREAM, 50),
+                ask(recording, SERVO_STREAM, 50.0),
             )
         )
     return found

@@ -124,8 +124,8 @@ def flight(
             "GLOBAL_POSITION_INT",
             slow,
             {
-                "v_north": (airspeed * np.cos(heading))[at],
-                "v_east": (airspeed * np.sin(heading))[at],
+                "v_north": (speed * flying * np.cos(heading))[at],
+                "v_east": (speed * flying * np.sin(heading))[at],
                 "v_down": np.zeros(slow.size),
                 "altitude": 500.0 + height[at],
                 "height": height[at],
