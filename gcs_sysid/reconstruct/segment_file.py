@@ -21,6 +21,8 @@ from gcs_sysid.reconstruct.segments import KINDS, Segment
 _KEYS = ("id kind start_us end_us start_s duration_s controls airspeed_mean held_out use").split()
 _SAME_TIME = 1e-3
 """Times that differ by less [s] are the same: files hold milliseconds."""
+_OTHER_LOG = 600.0
+"""Nobody shifts a maneuver by more [s]: the list belongs to another log."""
 
 
 def entries(segments: Iterable[Segment], *, epoch_us: int) -> list[dict[str, Any]]:
@@ -161,10 +163,17 @@ def _time(
         on_clock = (on_clock - epoch_us) * 1e-6
     if plain is not None:
         plain += after
-    if on_clock is not None and plain is not None and abs(on_clock - plain) > 2.0 * _SAME_TIME:
+    apart = 0.0 if on_clock is None or plain is None else abs(on_clock - plain)
+    if apart > _OTHER_LOG:
+        raise InputError(
+            f"{name}: {where}.{clock_key}",
+            "is not on the clock of this log",
+            fix="give the log that this list was made for, or delete `start_us` and `end_us`",
+        )
+    if apart > 2.0 * _SAME_TIME:
         raise InputError(
             f"{name}: {where}",
-            f"`{clock_key}` and `{plain_key}` differ by {abs(on_clock - plain):.3f} s",
+            f"`{clock_key}` and `{plain_key}` differ by {apart:.3f} s",
             fix="delete the one that is not meant",
         )
     return plain if on_clock is None else on_clock

@@ -92,6 +92,7 @@ def test_text_that_is_no_list_is_refused(text, said):
         ({"controls": "elevator"}, "maneuvers[0].controls"),
         ({"id": 1.5}, "maneuvers[0].id"),
         ({"start_us": EPOCH}, "`start_us` and `start_s` differ by 10.000 s; delete the one"),
+        ({"start_us": EPOCH - 10**12}, "start_us: is not on the clock of this log; give the log"),
         ({"start_s": 998.0}, "998.0 to 1003.0 s is not within 0 to 1000.0 s"),
     ],
 )
