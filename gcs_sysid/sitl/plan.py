@@ -91,14 +91,14 @@ def _at_speed(
 
 
 def amplitudes(slope: Slopes) -> dict[str, float]:
-    """Deflections [rad] that give about 5° of alpha, 60 deg/s of roll and 6° of sideslip."""
-    pitch = math.radians(5.0) * abs(slope.pitch_stiffness / slope.pitch_control)
-    roll = math.radians(60.0) * abs(slope.roll_damping / slope.roll_control)
+    """Deflections [rad] that give about 6° of alpha, 80 deg/s of roll and 6° of sideslip."""
+    pitch = math.radians(6.0) * abs(slope.pitch_stiffness / slope.pitch_control)
+    roll = math.radians(80.0) * abs(slope.roll_damping / slope.roll_control)
     found = {slope.pitch_name: pitch, slope.roll_name: roll}
     if slope.yaw_name is not None:
         yaw = math.radians(6.0) * abs(slope.yaw_stiffness / slope.yaw_control)
         found[slope.yaw_name] = 1.6 * yaw
-    return {name: min(max(value, 0.02), 0.15) for name, value in found.items()}
+    return {name: min(max(value, 0.02), 0.2) for name, value in found.items()}
 
 
 def _singles(slope: Slopes) -> tuple[TestInput, ...]:

@@ -42,7 +42,7 @@ class Noise:
     velocity: float = 0.05  # m/s
     velocity_drift: float = 0.06  # m/s
     position_drift: float = 0.8  # m
-    vane: float = 0.005  # rad
+    vane: float = 0.0035  # rad
 
 
 @dataclass(frozen=True)
