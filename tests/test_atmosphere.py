@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -43,6 +43,7 @@ def test_pressure_is_hydrostatic() -> None:
 
 
 @given(st.floats(-2000.0, 20000.0))
+@settings(deadline=None)
 def test_pressure_altitude_inverts_pressure(height: float) -> None:
     height_again = atmosphere.pressure_altitude(atmosphere.pressure(np.float64(height)))
     # Float64 rounding of the pressure, one part in 1e16, is 1e-11 m of height.
@@ -58,6 +59,7 @@ def test_density_from_pressure_is_the_standard_density() -> None:
 
 
 @given(st.floats(5.0, 250.0), st.floats(0.0, 12000.0))
+@settings(deadline=None)
 def test_airspeeds_invert_and_keep_the_impact_pressure(cas: float, height: float) -> None:
     static = atmosphere.pressure(np.float64(height))
     density = atmosphere.density(np.float64(height))

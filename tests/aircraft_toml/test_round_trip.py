@@ -262,7 +262,7 @@ def aircraft(draw: st.DrawFn) -> dict[str, Any]:
 
 
 @given(aircraft())
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=30)
 def test_any_aircraft_is_read_back_as_it_was_written(drawn: dict[str, Any]) -> None:
     original = Aircraft(**build(drawn))
     text = aircraft_file.dumps(original)
@@ -270,7 +270,7 @@ def test_any_aircraft_is_read_back_as_it_was_written(drawn: dict[str, Any]) -> N
 
 
 @given(st.floats(-math.pi, math.pi))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_any_angle_is_kept_to_the_last_place(angle: float) -> None:
     """An angle that was never in a file may be one that no decimal number of degrees gives."""
     base = aircraft_file.loads(FULL)
@@ -280,6 +280,7 @@ def test_any_angle_is_kept_to_the_last_place(angle: float) -> None:
 
 
 @given(number(-90.0, 90.0), number(1e-6, 9.0))
+@settings(deadline=None, max_examples=30)
 def test_any_sigma_is_kept_exactly(value: float, sigma: float) -> None:
     base = aircraft_file.loads(FULL)
     model = CoefficientModel({"alpha": Value(value, sigma)})
@@ -288,6 +289,7 @@ def test_any_sigma_is_kept_exactly(value: float, sigma: float) -> None:
 
 
 @given(names)
+@settings(deadline=None)
 def test_any_text_is_quoted_as_toml_wants_it(text: str) -> None:
     assert tomllib.loads(f"{quoted_key(text)} = {quoted_text(text)}") == {text: text}
 

@@ -36,7 +36,7 @@ def test_the_command_reference_is_the_programs_own_help(monkeypatch):
 
 def test_the_aircraft_file_of_the_documentation_is_valid():
     page = (DOCS / "aircraft-file.md").read_text(encoding="utf-8")
-    [example] = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    example = "\n".join(re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL))
     aircraft = aircraft_file.loads(example, name="aircraft-file.md")
     assert aircraft.control_names == ("aileron", "elevator")
 
