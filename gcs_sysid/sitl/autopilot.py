@@ -180,10 +180,8 @@ def _pulse(servo: Servo, deflection: float) -> int:
 
 
 def _bank(sensed: Sensed, leg: Leg) -> float:
-    if leg.heading is None:
-        return leg.bank
     error = math.remainder(leg.heading - sensed.psi, 2.0 * math.pi)
-    return _limit(1.2 * error, abs(leg.bank))
+    return _limit(1.2 * error, leg.bank)
 
 
 def _limit(value: float, limit: float) -> float:

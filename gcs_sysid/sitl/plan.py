@@ -21,8 +21,8 @@ class Leg:
         duration: [s].
         airspeed: to hold [m/s, equivalent].
         height: to hold [m above home].
-        heading: to turn to and hold [rad]; None holds `bank`.
-        bank: bank angle, or its limit while turning to `heading` [rad].
+        heading: to turn to, the shorter way, and to hold [rad].
+        bank: limit of the bank angle [rad].
         inputs: test inputs.
     """
 
@@ -30,7 +30,7 @@ class Leg:
     duration: float
     airspeed: float
     height: float
-    heading: float | None = 0.0
+    heading: float = 0.0
     bank: float = math.radians(30.0)
     inputs: tuple[TestInput, ...] = ()
 

@@ -137,7 +137,7 @@ def start(leg: Leg) -> Start:
     return Start(
         height=leg.height,
         airspeed=leg.airspeed,
-        heading=leg.heading or 0.0,
+        heading=leg.heading,
     )
 
 
