@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 
 from gcs_sysid.sources.checksum import checksum
-from gcs_sysid.sources.layouts import crc_extras, known_ids
+from gcs_sysid.sources.layouts import crc_extras, known_ids, sizes
 
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
@@ -30,7 +30,7 @@ _SIGNATURE = 13
 _SIGNED = 0x01
 _SMALLEST = _HEADER_V1 + _CHECKSUM
 _LARGEST = _HEADER_V2 + 255 + _CHECKSUM + _SIGNATURE
-_BLOCK = 1 << 21  # bytes searched at a time, which bounds the memory that hostile input can claim
+_BLOCK = 1 << 20  # bytes searched at a time, which bounds the memory that hostile input can claim
 _ROWS = 4096  # frames proved at a time: the look-ups then stay within a cache of a megabyte
 
 Bytes = UInt8[np.ndarray, " byte"]
@@ -147,6 +147,8 @@ def _is_known(frames: Frames) -> Bool[np.ndarray, " frame"]:
 def _proved(data: Bytes, frames: Frames) -> Frames:
     """The frames of known messages whose checksum agrees."""
     frames = frames[_is_known(frames)]
+    # Only version 2 may carry fields of a newer definition behind those known here.
+    frames = frames[(frames.header == _HEADER_V2) | (frames.length <= sizes()[frames.id])]
     if not frames.start.size:
         return frames
     extras = crc_extras()[frames.id]

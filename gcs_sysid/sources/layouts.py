@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Int, UInt8
 from pymavlink.dialects.v20 import all as dialect
 
 
@@ -58,6 +58,15 @@ def known_ids() -> Bool[np.ndarray, " id"]:
     known = np.zeros(max(dialect.mavlink_map) + 1, dtype=bool)
     known[list(dialect.mavlink_map)] = True
     return known
+
+
+@cache
+def sizes() -> Int[np.ndarray, " id"]:
+    """Bytes of all fields by message id; zero for unknown ids."""
+    result = np.zeros(max(dialect.mavlink_map) + 1, dtype=np.int64)
+    for message_id, definition in dialect.mavlink_map.items():
+        result[message_id] = definition.unpacker.size
+    return result
 
 
 @cache
