@@ -112,7 +112,11 @@ class Vanes:
 
 @dataclass(frozen=True)
 class StreamTiming:
-    """A stream whose samples describe the aircraft `delay` s before their time stamp."""
+    """How late a stream is [s].
+
+    A measurement describes the aircraft `delay` before its time stamp; a servo command moves it
+    `delay` after.
+    """
 
     delay: float = 0.0
     sigma: float | None = None
@@ -151,8 +155,8 @@ class Control:
 class Propulsion:
     """One thruster: thrust [N] over throttle (0 to 1) and airspeed [m/s] at sea level.
 
-    `pwm` [µs] holds the pulses of throttle 0 and 1, linear between, held beyond. Thrust is scaled by
-    the density ratio; first-order lag `time_constant`. `torque` [N·m] has the shape of `thrust`
+    `pwm` [µs] holds the pulses of throttle 0 and 1, linear between, held beyond. Thrust is scaled
+    by the density ratio; first-order lag `time_constant`. `torque` [N·m] has the shape of `thrust`
     (reaction on the airframe about `axis`), or is None. When `rpm` is given the rows are rotation
     speeds [rpm], `throttle` is empty, and the speed measured by motor `rpm_channel` is used.
     """

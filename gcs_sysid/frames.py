@@ -118,7 +118,8 @@ def cross(first: Float[Array, "*batch axis"], second: Float[Array, "*batch axis"
 def flow_angles(velocity: Float[Array, "*batch axis"]) -> tuple[Array, Array, Array]:
     """True airspeed [m/s], angle of attack and sideslip [rad] of an air-relative body velocity.
 
-    α = atan2(w, u), β = asin(v/V) (Klein & Morelli, *Aircraft System Identification*, 2006, eq. 3.34).
+    α = atan2(w, u), β = asin(v/V) (Klein & Morelli, *Aircraft System Identification*, 2006, eq.
+    3.34).
     """
     xp = velocity.__array_namespace__()
     u, v, w = (velocity[..., i] for i in range(3))

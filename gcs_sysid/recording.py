@@ -24,8 +24,8 @@ class Stream:
             onboard logs).
         channels: named values in SI units and radians; see `CHANNELS`. A value that was not
             measured (sentinel, not a number, out of the sensor's range) is NaN.
-        stamped: whether `time` comes from the vehicle's own clock; otherwise it is inferred from the
-            arrival time.
+        stamped: whether `time` comes from the vehicle's own clock; otherwise it is inferred from
+            the arrival time.
     """
 
     name: str

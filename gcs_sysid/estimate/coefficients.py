@@ -1,15 +1,15 @@
 """Measured aerodynamic coefficients: what the equations of motion leave to the air.
 
-With f the specific force at the inertial unit, ω the rate, r the unit's lever arm from the centre of
-gravity and r_cg that from the airframe point to which the moments refer (Klein & Morelli 2006,
+With f the specific force at the inertial unit, ω the rate, r the unit's lever arm from the centre
+of gravity and r_cg that from the airframe point to which the moments refer (Klein & Morelli 2006,
 eqs. 5.100–5.101, extended by the lever arms and the full inertia tensor):
 
     a_cg = f − ω̇ × r − ω × (ω × r)          X, Y, Z = m a_cg − T
     M_cg = I ω̇ + ω × I ω − Σ (r_T − r_cg) × T + Q        M = M_cg + r_cg × (X, Y, Z)
     CX = X / (q̄ S), …,  Cl = L / (q̄ S b),  Cm = M / (q̄ S c̄),  Cn = N / (q̄ S b)
 
-T is thrust and Q the reaction of propeller torque. Errors of two kinds are kept apart: noise, new at
-every sample, and scale errors of mass, inertia and thrust, the same for the whole flight.
+T is thrust and Q the reaction of propeller torque. Errors of two kinds are kept apart: noise, new
+at every sample, and scale errors of mass, inertia and thrust, the same for the whole flight.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from jaxtyping import Float
 from gcs_sysid import frames
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.reconstruct import rates
-from gcs_sysid.reconstruct.reconstruction import Reconstruction
 from gcs_sysid.reconstruct.rates import AngularMotion
+from gcs_sysid.reconstruct.reconstruction import Reconstruction
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Samples:
         time: s after the recording's epoch.
         qbar: dynamic pressure [Pa].
         regressors: every variable that a regressor may use, by name, dimensionless or rad.
-        regressor_variance: variance of `alpha` and `beta` as the reconstruction knows them.
+        regressor_variance: variance of the regressors that are themselves uncertain: flow angles as
+            the reconstruction knows them, rates by the gust's own rotation.
         measured: CX…Cn.
         noise: one standard deviation of each, new at every sample.
         mass_part: what a relative error of one in mass (forces) or inertia (moments) adds to it.
@@ -112,10 +113,7 @@ def measure(
         time=reconstruction.time,
         qbar=qbar,
         regressors=regressor_values(reconstruction, aircraft, motion, controls, thrust, qbar),
-        regressor_variance={
-            "alpha": reconstruction.flow_covariance[:, 1, 1],
-            "beta": reconstruction.flow_covariance[:, 2, 2],
-        },
+        regressor_variance=_regressor_variance(reconstruction, aircraft),
         measured={name: total[:, column[name]] for name in kept},
         noise={name: noise[:, column[name]] for name in kept},
         mass_part={name: mass_part[:, column[name]] for name in kept},
@@ -139,8 +137,8 @@ def _reference(
 class _Loads:
     """Forces [N] and moments about the airframe point [N·m], columns X Y Z L M N.
 
-    `aerodynamic` is the whole less the thrust's; `inertial` is the part proportional to mass (forces)
-    or to inertia (moments).
+    `aerodynamic` is the whole less the thrust's; `inertial` is the part proportional to mass
+    (forces) or to inertia (moments).
     """
 
     aerodynamic: Float[np.ndarray, "sample six"]
@@ -168,6 +166,32 @@ def _loads(
         inertial=np.concatenate([push, turn], axis=1),
         thrust=np.concatenate([thrust.force, about_point], axis=1),
     )
+
+
+def _regressor_variance(
+    reconstruction: Reconstruction, aircraft: Aircraft
+) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Variance of the regressors as values of what the aerodynamics feel.
+
+    A gust varies over the span and the length of the aircraft, which acts as a rotation that no
+    gyro sees; its intensity follows from the gust's, its scale length L and the span b
+    (MIL-F-8785C, section 3.7.2): σ_p = 1.9 σ_w/√(L b), σ_q = σ_w √(π/(2 L b)), σ_r = σ_v √(2π/(3 L
+    b)).
+    """
+    noise = reconstruction.noise
+    speed = reconstruction.airspeed
+    shape = aircraft.geometry
+    scale = float(noise.gust_time) * speed * shape.wing_span
+    sideways, vertical = float(noise.gust[1]) ** 2, float(noise.gust[2]) ** 2
+    half_span = (shape.wing_span / (2.0 * speed)) ** 2
+    half_chord = (shape.mean_chord / (2.0 * speed)) ** 2
+    return {
+        "alpha": reconstruction.flow_covariance[:, 1, 1],
+        "beta": reconstruction.flow_covariance[:, 2, 2],
+        "phat": half_span * 1.9**2 * vertical / scale,
+        "qhat": half_chord * np.pi / 2.0 * vertical / scale,
+        "rhat": half_span * 2.0 * np.pi / 3.0 * sideways / scale,
+    }
 
 
 def regressor_values(

@@ -6,8 +6,8 @@ Ordinary least squares weighted by the noise of the measurement; what makes its 
 is what is added to them. v is coloured, so its autocorrelation enters (Klein & Morelli 2006, eqs.
 5.88–5.91). Mass, inertia and thrust are wrong by a factor common to the flight, so their part does
 not shrink with more samples. The regressors α and β are themselves estimates: their error pulls a
-slope toward zero by (XᵀX)⁻¹ Σ_e θ (Fuller, *Measurement Error Models*, 1987, section 2.2), which is
-counted as one standard deviation, since with gusts unseen the pull may be anything up to it.
+slope toward zero (Fuller, *Measurement Error Models*, 1987, section 2.2); how far it may have is
+counted as one standard deviation, since with gusts unseen the pull may be anything up to that.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 from gcs_sysid.reconstruct import rates
 
+MOST_ERROR = 0.9
 LONGEST_LAG = 3.0
 """Residuals further apart than this [s] are taken as independent."""
 
@@ -97,7 +98,7 @@ def problem(
     """
     controls = aircraft.control_names
     keys = tuple(regressors.parse(key, controls=controls).key for key in keys)
-    variables = ("alpha", "beta")
+    variables = tuple(flights[0].regressor_variance)
     stacked: dict[str, list[np.ndarray]] = {
         field: [] for field in ("x", "y", "s", "d", "v", "e", "p")
     }
@@ -150,17 +151,16 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     white = inverse * float(residual @ residual) / max(count - terms, 1)
     effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
     scale = inverse @ effect
-    pull = inverse @ _pull(problem, root, value)
+    pull = _pull(problem, root, information, value)
     parts = {
         "noise": coloured,
         "scale": scale @ scale.T,
-        "regressor": np.outer(pull, pull),
+        "regressor": pull @ pull.T,
     }
     raw = sum(parts.values(), np.zeros_like(white))
-    mean, covariance = _with_prior(value, raw, prior, problem.keys)
+    mean, covariance, kept = _with_prior(value, raw, prior, problem.keys)
     departure = problem.measured - problem.columns @ mean
-    explained = problem.noise**2 + _input_variance(problem, mean)
-    discrepancy = np.sqrt(max(float(np.mean(departure**2 - explained)), 0.0))
+    left, noise = float(np.mean(departure**2)), float(np.mean(problem.noise**2))
     spread = problem.columns.std(axis=0)
     return CoefficientFit(
         keys=problem.keys,
@@ -169,7 +169,9 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         flight_value=value,
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
         white_deviation=np.sqrt(np.diagonal(white)),
-        discrepancy=discrepancy,
+        repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,
+        discrepancy=float(np.sqrt(max(left - noise, 0.0))),
+        calibration=min(1.0, left / noise),
         residual=float(np.std(departure)),
         correlation=_correlation(problem.columns),
         excitation=np.abs(mean) * spread / max(float(problem.measured.std()), 1e-12),
@@ -220,20 +222,29 @@ def _lagged(
 
 
 def _pull(
-    problem: Problem, root: Float[np.ndarray, " sample"], value: Float[np.ndarray, " term"]
-) -> Float[np.ndarray, " term"]:
-    """Σ_e θ: covariance of the columns' errors, summed over samples, times the slopes."""
+    problem: Problem,
+    root: Float[np.ndarray, " sample"],
+    information: Float[np.ndarray, "term term"],
+    value: Float[np.ndarray, " term"],
+) -> Float[np.ndarray, "term direction"]:
+    """How far errors of the regressors may have moved the estimate, one column a direction.
+
+    Were the errors independent of the true regressors, the true values would be
+    (XᵀX − Σ_e)⁻¹ Xᵀy, Σ_e being the errors' covariance summed over the samples. In directions in
+    which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
+    there: the flight then says next to nothing about them.
+    """
     weight = problem.slope_variance * root**2
     error = np.einsum("vs,vsi,vsj->ij", weight, problem.slopes, problem.slopes, optimize=True)
-    return error @ value
-
-
-def _input_variance(
-    problem: Problem, value: Float[np.ndarray, " term"]
-) -> Float[np.ndarray, " sample"]:
-    """Variance of the coefficient that comes from the uncertain flow angles."""
-    slope = problem.slopes @ value
-    return np.sum(slope**2 * problem.slope_variance, axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    balanced = information * np.outer(scale, scale)
+    roots, vectors = np.linalg.eigh(balanced)
+    half = vectors / np.sqrt(np.maximum(roots, 1e-10 * roots.max()))
+    share, turn = np.linalg.eigh(half.T @ (error * np.outer(scale, scale)) @ half)
+    basis = half @ turn
+    share = np.clip(share, 0.0, MOST_ERROR)
+    along = basis.T @ (balanced @ (value / scale))
+    return scale[:, None] * basis * (share / (1.0 - share) * along)
 
 
 def _with_prior(
@@ -241,20 +252,23 @@ def _with_prior(
     covariance: Float[np.ndarray, "term term"],
     prior: Prior | None,
     keys: tuple[str, ...],
-) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, "term term"]]:
-    """Flight and prior weighed by their covariances; terms the prior does not hold stay free."""
+) -> tuple[
+    Float[np.ndarray, " term"], Float[np.ndarray, "term term"], Float[np.ndarray, "term term"]
+]:
+    """Flight and prior weighed by their covariances; terms the prior does not hold stay free.
+
+    Returns the mean, its covariance, and what is kept of the flight's own estimate.
+    """
     if prior is None:
-        return value, covariance
+        return value, covariance, np.eye(len(keys))
     held = [key in prior.value for key in keys]
     pick = np.eye(len(keys))[held]
     believed = np.array([prior.value[key] for key in keys if key in prior.value])
-    sigma = np.array([prior.sigma[key] for key in keys if key in prior.value])
-    spread = pick @ covariance @ pick.T + np.diag(sigma**2)
-    gain = np.linalg.solve(spread, pick @ covariance).T
-    mean = value + gain @ (believed - pick @ value)
+    variance = np.diag([prior.sigma[key] ** 2 for key in keys if key in prior.value])
+    gain = np.linalg.solve(pick @ covariance @ pick.T + variance, pick @ covariance).T
     kept = np.eye(len(keys)) - gain @ pick
-    updated = kept @ covariance @ kept.T + gain @ np.diag(sigma**2) @ gain.T
-    return mean, updated
+    mean = value + gain @ (believed - pick @ value)
+    return mean, kept @ covariance @ kept.T + gain @ variance @ gain.T, kept
 
 
 def _correlation(columns: Float[np.ndarray, "sample term"]) -> Float[np.ndarray, "term term"]:

@@ -29,10 +29,13 @@ class CoefficientFit:
         value: their coefficients (derivatives, per rad or dimensionless), prior included.
         covariance: of `value`: coloured residuals, scale errors, regressor errors, prior.
         flight_value: what the flight alone says.
-        deviations: one standard deviation of `flight_value` by origin: `noise` (coloured residuals),
-            `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles).
+        deviations: one standard deviation of `flight_value` by origin: `noise` (coloured
+            residuals), `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles).
         white_deviation: what textbook least squares would claim.
-        discrepancy: standard deviation of what neither noise nor uncertain flow angles explain.
+        repeated_covariance: of `value` for use at regressors measured in the same way as those it
+            was fitted on: without the part of regressor errors, which then repeat themselves.
+        discrepancy: standard deviation of what the noise of the measurement does not explain.
+        calibration: factor, at most 1, to the variance of that noise where residuals are smaller.
         residual: standard deviation of measured minus model.
         correlation: of the regressors.
         excitation: standard deviation of each term's contribution over that of the coefficient.
@@ -48,7 +51,9 @@ class CoefficientFit:
     flight_value: Float[np.ndarray, " term"]
     deviations: Mapping[str, Float[np.ndarray, " term"]]
     white_deviation: Float[np.ndarray, " term"]
+    repeated_covariance: Float[np.ndarray, "term term"]
     discrepancy: float
+    calibration: float
     residual: float
     correlation: Float[np.ndarray, "term term"]
     excitation: Float[np.ndarray, " term"]
@@ -89,26 +94,24 @@ class AeroModel:
         return tuple(seen)
 
     def predict(
-        self,
-        values: Mapping[str, Float[np.ndarray, " sample"]],
-        *,
-        variance: Mapping[str, Float[np.ndarray, " sample"]] | None = None,
+        self, values: Mapping[str, Float[np.ndarray, " sample"]], *, measured: bool
     ) -> dict[str, Prediction]:
         """Every coefficient at given conditions.
 
         Args:
             values: one array a variable, see `variables`.
-            variance: of those variables that are themselves estimates; its effect is added.
+            measured: whether the conditions were measured in a flight like those of the fit. Then
+                what their errors do is part of the scatter seen in the fit; exact conditions
+                instead ask for the true slopes, whose uncertainty holds how far these errors may
+                have bent them.
         """
         out = {}
         for name, fit in self.fits.items():
             rows = basis.columns(fit.keys, self.controls, values)
-            spread = np.einsum("si,ij,sj->s", rows, fit.covariance, rows, optimize=True)
-            spread = spread + fit.discrepancy**2
-            for variable, amount in (variance or {}).items():
-                slope = basis.slopes(fit.keys, self.controls, values, variable) @ fit.value
-                spread = spread + slope**2 * amount
-            out[name] = Prediction(rows @ fit.value, np.sqrt(np.maximum(spread, 0.0)))
+            covariance = fit.repeated_covariance if measured else fit.covariance
+            spread = np.einsum("si,ij,sj->s", rows, covariance, rows, optimize=True)
+            deviation = np.sqrt(np.maximum(spread, 0.0) + fit.discrepancy**2)
+            out[name] = Prediction(rows @ fit.value, deviation)
         return out
 
     def derivative(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.estimate.coefficients import Samples
@@ -21,7 +21,9 @@ GRID = np.arange(-0.06, 0.2601, 0.01)
 PRIOR_SIGMA = 0.1
 """One standard deviation of a delay that nobody stated [s]."""
 LEAST_EVIDENCE = 5.0
-"""Rise of the log-likelihood over its value at the worst delay below which the flight cannot tell."""
+"""Rise of the log-likelihood over that of the worst delay; with less the flight cannot tell."""
+USELESS = 0.03
+"""A delay less certain than this [s] is no better than what was stated."""
 MOTION: Mapping[str, tuple[str, ...]] = {
     "Cl": ("beta", "phat", "rhat"),
     "Cm": ("alpha", "qhat"),
@@ -41,15 +43,22 @@ class Delay:
 def surface_delay(
     samples: Samples,
     controls: Callable[[float], Mapping[str, Float[np.ndarray, " sample"]]],
+    rows: Bool[np.ndarray, " sample"],
     *,
     stated: float = 0.0,
     stated_sigma: float | None = None,
 ) -> Delay:
     """Delay of the surfaces beyond what the aircraft file already has in its servos.
 
+    The three axes are asked apart. Where they disagree by more than their own uncertainty,
+    something else than a delay is at work (an autopilot that answers gusts makes the surface seem
+    early), and the standard deviation grows by that disagreement (Birge 1932).
+
     Args:
-        samples: measured moments of one flight, with any assumed delay; the controls in it are unused.
+        samples: measured moments of one flight, with any assumed delay; the controls in it are
+            unused.
         controls: deflections on the samples' times for a given delay.
+        rows: samples to use: best those of deliberate inputs, which gusts do not steer.
         stated: delay that the file gives to the servo stream [s].
         stated_sigma: its standard deviation.
 
@@ -57,38 +66,55 @@ def surface_delay(
         The posterior of the delay; with a flight that cannot tell, what was stated.
     """
     sigma = PRIOR_SIGMA if stated_sigma is None else stated_sigma
-    left = {name: np.zeros(GRID.size) for name in MOMENTS}
-    residuals = {}
+    left, independent = _profiles(samples, controls, rows)
+    axes = [
+        peak
+        for name in left
+        if (peak := _peak(-0.5 * independent[name] * (left[name] - left[name].min()))) is not None
+    ]
+    if not axes:
+        return Delay(stated, sigma, found=False)
+    values, deviations = (np.array(item) for item in zip(*axes, strict=True))
+    weight = 1.0 / deviations**2
+    mean = float(weight @ values / weight.sum())
+    scatter = float(weight @ (values - mean) ** 2 / max(values.size - 1, 1))
+    deviation = float(np.sqrt(max(1.0, scatter) / weight.sum()))
+    if deviation > USELESS:
+        return Delay(stated, sigma, found=False)
+    share = sigma**2 / (sigma**2 + deviation**2)
+    return Delay(stated + share * (mean - stated), float(np.sqrt(share)) * deviation, found=True)
+
+
+def _profiles(
+    samples: Samples,
+    controls: Callable[[float], Mapping[str, Float[np.ndarray, " sample"]]],
+    rows: Bool[np.ndarray, " sample"],
+) -> tuple[dict[str, Float[np.ndarray, " delay"]], dict[str, float]]:
+    """Logarithm of what each moment equation leaves, over the delays; its independent samples."""
     fixed = {
-        name: np.stack([np.ones_like(samples.time), *(samples.regressors[k] for k in keys)], 1)
+        name: rates.smooth(
+            samples.time,
+            np.stack([np.ones_like(samples.time), *(samples.regressors[k] for k in keys)], 1),
+            samples.smoothing,
+        ).value[rows]
         for name, keys in MOTION.items()
     }
-    smoothed = {
-        name: rates.smooth(samples.time, columns, samples.smoothing).value
-        for name, columns in fixed.items()
-    }
-    best = {name: np.inf for name in MOMENTS}
+    left = {name: np.full(GRID.size, np.inf) for name in MOMENTS}
+    best: dict[str, np.ndarray] = {}
     for index, delay in enumerate(GRID):
         deflections = np.stack(list(controls(float(delay)).values()), axis=1)
-        moved = rates.smooth(samples.time, deflections, samples.smoothing).value
+        moved = rates.smooth(samples.time, deflections, samples.smoothing).value[rows]
         for name in MOMENTS:
-            columns = np.concatenate([smoothed[name], moved], axis=1)
-            weight = np.median(samples.noise[name]) / samples.noise[name]
-            target = samples.measured[name] * weight
-            weighted = columns * weight[:, None]
-            solution = np.linalg.lstsq(weighted, target, rcond=None)[0]
-            residual = target - weighted @ solution
-            left[name][index] = np.log(residual @ residual)
-            if left[name][index] < best[name]:
-                best[name] = left[name][index]
-                residuals[name] = residual
-    score = sum(
-        -0.5 * _independent(residuals[name]) * (left[name] - best[name]) for name in MOMENTS
-    )
-    if float(np.ptp(score)) < LEAST_EVIDENCE:
-        return Delay(stated, sigma, found=False)
-    posterior = score - 0.5 * ((GRID - stated) / sigma) ** 2
-    return _moments(posterior)
+            weight = np.median(samples.noise[name][rows]) / samples.noise[name][rows]
+            columns = np.concatenate([fixed[name], moved], axis=1) * weight[:, None]
+            target = samples.measured[name][rows] * weight
+            solution = np.linalg.lstsq(columns, target, rcond=None)[0]
+            residual = target - columns @ solution
+            size = np.log(residual @ residual)
+            if size < left[name].min():
+                best[name] = residual
+            left[name][index] = size
+    return left, {name: _independent(best[name]) for name in MOMENTS}
 
 
 def _independent(residual: Float[np.ndarray, " sample"]) -> float:
@@ -104,13 +130,13 @@ def _independent(residual: Float[np.ndarray, " sample"]) -> float:
     return count / (1.0 + 2.0 * float(np.sum(correlation[1:end])))
 
 
-def _moments(score: Float[np.ndarray, " delay"]) -> Delay:
-    """Peak and width of a log-density known on the grid, by the parabola around its peak."""
-    best = int(np.clip(np.argmax(score), 1, GRID.size - 2))
+def _peak(score: Float[np.ndarray, " delay"]) -> tuple[float, float] | None:
+    """Place and width of a log-likelihood's peak; None where it is flat or at the grid's edge."""
+    best = int(np.argmax(score))
+    if best in (0, GRID.size - 1) or float(np.ptp(score)) < LEAST_EVIDENCE:
+        return None
     left, middle, right = score[best - 1 : best + 2]
     spacing = GRID[1] - GRID[0]
     bend = (left - 2.0 * middle + right) / spacing**2
-    if bend >= 0.0:
-        return Delay(float(GRID[int(np.argmax(score))]), float(np.ptp(GRID)) / 4.0, found=False)
-    offset = np.clip(-0.5 * (right - left) / spacing / bend, -spacing, spacing)
-    return Delay(float(GRID[best] + offset), float(1.0 / np.sqrt(-bend)), found=True)
+    offset = -0.5 * (right - left) / spacing / bend
+    return float(GRID[best] + offset), float(1.0 / np.sqrt(-bend))

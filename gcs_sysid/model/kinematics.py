@@ -20,9 +20,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from gcs_sysid import frames
+from gcs_sysid.frames import Array
 
 GRAVITY = 9.80665
 
@@ -230,8 +231,8 @@ def innovation(
 ) -> Float[Array, " row"]:
     """Measured minus expected, all groups; rows of absent groups are meaningless.
 
-    A sample describes the aircraft `delay` before its stamp. Angles of the attitude are the rotation
-    vector from expected to measured, so no angle ever wraps.
+    A sample describes the aircraft `delay` before its stamp. Angles of the attitude are the
+    rotation vector from expected to measured, so no angle ever wraps.
     """
     rest = state.rest
     rate = corrected(imu, rest).gyro

@@ -25,6 +25,7 @@ VERSION = 1
 ARRAYS = (
     "value",
     "covariance",
+    "repeated_covariance",
     "flight_value",
     "white_deviation",
     "correlation",
@@ -32,7 +33,7 @@ ARRAYS = (
     "lowest",
     "highest",
 )
-NUMBERS = ("discrepancy", "residual", "samples", "effective_samples")
+NUMBERS = ("discrepancy", "calibration", "residual", "samples", "effective_samples")
 
 
 @dataclass(frozen=True)
@@ -140,9 +141,7 @@ def _header(directory: Path) -> dict[str, Any]:
 
 
 def _fit(name: str, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> CoefficientFit:
-    return CoefficientFit(
-        keys=tuple(entry["regressors"]),
-        deviations={origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]},
-        **{field: arrays[f"{name}.{field}"] for field in ARRAYS},
-        **{field: entry[field] for field in NUMBERS},
-    )
+    fields: dict[str, Any] = {field: arrays[f"{name}.{field}"] for field in ARRAYS}
+    fields |= {field: entry[field] for field in NUMBERS}
+    origins = {origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]}
+    return CoefficientFit(keys=tuple(entry["regressors"]), deviations=origins, **fields)

@@ -1,9 +1,9 @@
 """Data compatibility: do the sensors tell one story, and which errors must each have if they do?
 
-The kinematics tie the channels together without any aerodynamics (Klein & Morelli 2006, chapter 10).
-Each sensor's bias, scale and delay are states of the smoother; a channel is judged by the size of
-its estimated error against what an ordinary sensor has, by its innovations' size (NIS) and by their
-whiteness.
+The kinematics tie the channels together without any aerodynamics (Klein & Morelli 2006, chapter
+10). Each sensor's bias, scale and delay are states of the smoother; a channel is judged by the size
+of its estimated error against what an ordinary sensor has, by its innovations' size (NIS) and by
+their whiteness.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ class Estimate:
 class Channel:
     """One sensor channel's verdict; None where the quantity does not apply.
 
-    `noise` is the white noise found; `nis` the mean squared normalised innovation of one value (1 for
-    a consistent filter), `whiteness` the correlation of successive innovations with its 95 % limit.
+    `noise` is the white noise found; `nis` the mean squared normalised innovation of one value (1
+    for a consistent filter), `whiteness` the correlation of successive innovations with its 95 %
+    limit.
     """
 
     unit: str
@@ -135,8 +136,8 @@ def check(reconstruction: Reconstruction) -> Compatibility:
 def _along_acceleration(reconstruction: Reconstruction) -> float:
     """Mean square of the acceleration along the flight path [m²/s⁴].
 
-    A head gust both shows in the airspeed and slows the aircraft, which looks like a pitot tube that
-    is late by (speed damping)·σ²_gust/σ²_acceleration; the delay's uncertainty must hold that.
+    A head gust both shows in the airspeed and slows the aircraft, which looks like a pitot tube
+    that is late by (speed damping)·σ²_gust/σ²_acceleration; the delay's uncertainty must hold that.
     """
     slope = np.gradient(reconstruction.airspeed, reconstruction.time)
     return float(np.mean(slope**2))
@@ -187,7 +188,8 @@ def _innovations(
 ) -> tuple[float, tuple[float, float], float, float]:
     """Mean square of normalised innovations with its 95 % band, lag-one correlation with its limit.
 
-    The band is that of independent samples (a mean of squares of n normal numbers has variance 2/n).
+    The band is that of independent samples (a mean of squares of n normal numbers has variance
+    2/n).
     """
     count = max(ratio.size, 2)
     half = 1.96 * np.sqrt(2.0 / count)

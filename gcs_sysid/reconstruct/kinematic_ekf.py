@@ -1,4 +1,4 @@
-"""The kinematic filter, sample by sample: filterpy's extended Kalman filter over the JAX kinematics.
+"""The kinematic filter, sample by sample: filterpy's extended Kalman filter over the model.
 
 The live form. `smoother` runs the same equations over whole flights inside `jax.lax.scan`; a test
 holds both together. filterpy adds K·y to its state, so the attitude enters as an error that is
@@ -48,9 +48,9 @@ def observation(
 ]:
     """Innovation, Jacobian, noise variance per row, and normalised innovation squared per group.
 
-    Rows of absent groups are zero with unit noise, so that they change nothing. The noise of a group
-    whose innovation is beyond `NIS_LIMIT` is raised until it is not: a gross outlier pulls no more
-    than a five-sigma one (Huber's idea, in the form for a filter of Karlgaard & Schaub, 2007).
+    Rows of absent groups are zero with unit noise, so that they change nothing. The noise of a
+    group whose innovation is beyond `NIS_LIMIT` is raised until it is not: a gross outlier pulls no
+    more than a five-sigma one (Huber's idea, in the form for a filter of Karlgaard & Schaub, 2007).
     """
     residual, jacobian = linearised(state, imu, measured, levers)
     widths = np.array([rows.stop - rows.start for rows in MEASURED.values()])

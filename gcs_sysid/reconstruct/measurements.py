@@ -1,4 +1,4 @@
-"""From the streams of a recording to the rows that the filter reads, on the inertial unit's clock."""
+"""From the streams of a recording to the rows that the filter reads, on the gyro's clock."""
 
 from __future__ import annotations
 

@@ -17,7 +17,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from gcs_sysid.frames import Array
 
 RATIOS = np.logspace(1.0, 10.0, 28)
 """Candidate ratios q/r [1/s³]: cut-offs from about 0.3 Hz to 50 Hz."""
@@ -46,7 +48,7 @@ class AngularMotion(NamedTuple):
 
 def _filter(
     step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
-) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array]]:
+) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """Forward pass for r = 1: filtered and predicted moments, innovations and their variance."""
     columns = signal.shape[1]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -223,17 +224,7 @@ def _middle(inputs: Inputs) -> tuple[int, Inputs]:
     count = inputs.step.shape[0]
     first = max(0, (count - SAMPLE_ROWS) // 2)
     rows = slice(first, first + SAMPLE_ROWS)
-
-    def cut(values: np.ndarray) -> np.ndarray:
-        return values[rows]
-
-    measured = type(inputs.measured)(*(cut(values) for values in inputs.measured))
-    return first, Inputs(
-        before=type(inputs.before)(*(cut(values) for values in inputs.before)),
-        after=type(inputs.after)(*(cut(values) for values in inputs.after)),
-        step=cut(inputs.step),
-        measured=measured,
-    )
+    return first, jax.tree.map(lambda values: values[rows], inputs)
 
 
 def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:

@@ -3,8 +3,8 @@
 Forward: the equations of `kinematic_ekf`. Backward: Rauch–Tung–Striebel in the error state,
 x_s(k) = x_f(k) ⊞ G [x_s(k+1) ⊟ x_p(k+1)], G = P_f Fᵀ P_p⁻¹ (Särkkä, *Bayesian Filtering and
 Smoothing*, 2013, algorithm 9.1). The flight is cut into chunks of fixed length: one compilation
-serves flights of any length, and since the backward run repeats the forward run of its chunk, memory
-holds the covariances of one chunk only.
+serves flights of any length, and since the backward run repeats the forward run of its chunk,
+memory holds the covariances of one chunk only.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from gcs_sysid.frames import Array
 from gcs_sysid.model.kinematics import (
     MEASURED,
     SIZE,
@@ -186,7 +187,8 @@ def smooth(
         covariance: its error covariance; must be positive definite.
         inputs: the flight, arrays of NumPy.
         levers: sensor positions.
-        reference: position, from the inertial unit [m], at which airspeed and flow angles are asked.
+        reference: position, from the inertial unit [m], at which airspeed and flow angles are
+            asked.
         noise: intensities.
 
     Returns:

@@ -1,0 +1,118 @@
+"""Choice of a model's terms by the data: forward selection with a backward check.
+
+A term enters when its partial F, on as many samples as are independent, exceeds `ENTER` and it
+explains at least `LEAST_GAIN` of the variation; one whose F has fallen below `LEAVE` goes (Klein &
+Morelli 2006, section 5.4, with the effective sample size in place of the raw one: coloured
+residuals otherwise let in false terms).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate import equation_error
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.equation_error import Problem
+
+ENTER = 20.0
+LEAVE = 10.0
+LEAST_GAIN = 0.005
+MOTION = ("alpha", "beta", "phat", "qhat", "rhat")
+
+
+def candidates(aircraft: Aircraft) -> tuple[str, ...]:
+    """Every term that may enter: linear, squares of the flow angles, α times the others."""
+    linear = (*MOTION, *aircraft.control_names)
+    products = (f"alpha*{name}" for name in linear if name != "alpha")
+    keys = itertools.chain(linear, ("alpha^2", "beta^2"), products)
+    return tuple(regressors.parse(key, controls=aircraft.control_names).key for key in keys)
+
+
+def choose(
+    flights: Sequence[Samples],
+    aircraft: Aircraft,
+    usual: Mapping[str, Sequence[str]],
+    pieces: Sequence[Int[np.ndarray, " sample"]],
+) -> dict[str, tuple[str, ...]]:
+    """Terms of each coefficient, chosen from `candidates` and the usual structure."""
+    chosen = {}
+    for name, keys in usual.items():
+        if any(name in flight.refused for flight in flights):
+            chosen[name] = tuple(keys)
+            continue
+        pool = tuple(dict.fromkeys((*keys, *candidates(aircraft))))
+        everything = equation_error.problem(name, flights, aircraft, pool, pieces)
+        chosen[name] = _select(everything)
+    return chosen
+
+
+def _select(everything: Problem) -> tuple[str, ...]:
+    constant = everything.keys.index(regressors.CONSTANT)
+    chosen = [constant]
+    while True:
+        left = [index for index in range(len(everything.keys)) if index not in chosen]
+        if not left:
+            break
+        base, independent = _remainder(everything, chosen)
+        tried = {index: _remainder(everything, [*chosen, index])[0] for index in left}
+        best = min(tried, key=lambda index: tried[index])
+        gain = (base - tried[best]) / float(np.var(everything.measured))
+        if _partial_f(base, tried[best], independent, len(chosen) + 1) < ENTER or gain < LEAST_GAIN:
+            break
+        chosen.append(best)
+        chosen = _pruned(everything, chosen, constant)
+    return tuple(everything.keys[index] for index in sorted(chosen))
+
+
+def _pruned(everything: Problem, chosen: list[int], constant: int) -> list[int]:
+    """Drops terms that the newest one made superfluous; never the newest one itself."""
+    kept = list(chosen)
+    for index in chosen[:-1]:
+        if index == constant:
+            continue
+        full, independent = _remainder(everything, kept)
+        without = [item for item in kept if item != index]
+        less, _ = _remainder(everything, without)
+        if _partial_f(less, full, independent, len(kept)) < LEAVE:
+            kept = without
+    return kept
+
+
+def _partial_f(larger: float, smaller: float, independent: float, terms: int) -> float:
+    return (larger - smaller) / smaller * max(independent - terms, 1.0)
+
+
+def _remainder(everything: Problem, chosen: Sequence[int]) -> tuple[float, float]:
+    """Mean squared residual of a choice of terms, and its number of independent samples."""
+    picked = list(chosen)
+    part = replace(
+        everything,
+        keys=tuple(everything.keys[index] for index in picked),
+        columns=everything.columns[:, picked],
+        slopes=everything.slopes[:, :, picked],
+    )
+    residual = _residual(part)
+    return float(np.mean(residual**2)), _independent(residual, everything.piece)
+
+
+def _residual(problem: Problem) -> Float[np.ndarray, " sample"]:
+    solution = np.linalg.lstsq(problem.columns, problem.measured, rcond=None)[0]
+    return problem.measured - problem.columns @ solution
+
+
+def _independent(
+    residual: Float[np.ndarray, " sample"], piece: Int[np.ndarray, " sample"]
+) -> float:
+    """Independent samples of a residual by its lag-one correlation, N (1 − ρ) / (1 + ρ)."""
+    same = piece[1:] == piece[:-1]
+    centred = residual - residual.mean()
+    correlation = float(np.mean((centred[1:] * centred[:-1])[same]) / np.mean(centred**2))
+    share = (1.0 - correlation) / (1.0 + correlation)
+    return residual.size * float(np.clip(share, 1e-4, 1.0))

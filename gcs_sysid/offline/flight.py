@@ -1,0 +1,244 @@
+"""From one recorded flight to measured coefficients: the part that all runs share."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gcs_sysid.aircraft import Aircraft, Propulsion, StreamTiming
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.estimate import coefficients
+from gcs_sysid.estimate.coefficients import Samples, Thrust
+from gcs_sysid.estimate.surface_delay import Delay, surface_delay
+from gcs_sysid.model import actuators, propulsion
+from gcs_sysid.offline import requirements
+from gcs_sysid.reconstruct import compatibility, measurements
+from gcs_sysid.reconstruct.airborne import airborne
+from gcs_sysid.reconstruct.compatibility import Compatibility
+from gcs_sysid.reconstruct.reconstruction import Reconstruction, reconstruct
+from gcs_sysid.reconstruct.segments import INPUTS, Segment
+from gcs_sysid.recording import Recording, Stream
+from gcs_sysid.sources.registry import open_recording
+
+SERVO_STREAM = "SERVO_OUTPUT_RAW"
+RPM_STREAMS = ("RPM", "ESC_TELEMETRY_1_TO_4", "ESC_STATUS")
+SHORTEST_INPUTS = 15.0
+"""Deliberate inputs shorter than this in all [s] do not tell a delay by themselves."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight, read, reconstructed and measured.
+
+    Attributes:
+        recording: its telemetry.
+        segments: its maneuvers.
+        airborne: length of wing-borne flight [s].
+        reconstruction: states, wind, sensor errors.
+        compatibility: whether the sensors agree.
+        delay: of the surfaces behind the servo commands.
+        samples: measured coefficients.
+        warnings: what the engineer should know.
+        read_seconds: wall time spent on reading.
+        reconstruct_seconds: wall time spent on reconstruction.
+    """
+
+    recording: Recording
+    segments: tuple[Segment, ...]
+    airborne: float
+    reconstruction: Reconstruction
+    compatibility: Compatibility
+    delay: Delay
+    samples: Samples
+    warnings: tuple[str, ...]
+    read_seconds: float
+    reconstruct_seconds: float
+
+    def pieces(self, kept: Sequence[int] | None = None) -> Int[np.ndarray, " sample"]:
+        """Id of the maneuver each sample belongs to; -1 outside, or not among `kept`."""
+        piece = np.full(self.samples.time.size, -1)
+        for segment in self.segments:
+            if kept is None or segment.id in kept:
+                inside = (self.samples.time >= segment.start) & (self.samples.time < segment.end)
+                piece[inside] = segment.id
+        return piece
+
+
+def read(
+    path: Path,
+    aircraft: Aircraft,
+    *,
+    vehicle: int | None,
+    segments: Callable[[Recording], tuple[Segment, ...]],
+    delay: Delay | None,
+    progress: Progress,
+) -> Flight:
+    """Reads a log and measures its coefficients.
+
+    Args:
+        path: the log.
+        aircraft: what is believed of the aircraft.
+        vehicle: which vehicle of the log.
+        segments: finds the maneuvers of a recording.
+        delay: of the surfaces where it is known already; None finds it in this flight.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        InputError: the log cannot be read, or cannot answer.
+    """
+    started = clock.perf_counter()
+    progress(f"reading {path.name}", 0.0)
+    recording = open_recording(path, vehicle=vehicle)
+    needed = requirements.check(recording, aircraft)
+    needed.raise_if_unusable()
+    read_at = clock.perf_counter()
+    intervals = airborne(recording, aircraft)
+    found = segments(recording)
+    if not intervals or not found:
+        raise RefusedError(
+            recording.source,
+            "the aircraft never flew in this log",
+            fix="record from before take-off to after landing",
+        )
+    progress("reconstructing the flight", 0.1)
+    window = (intervals[0][0], intervals[-1][1])
+    data = measurements.select(recording, aircraft, window)
+    states = reconstruct(data, aircraft)
+    progress("finding the delay of the surfaces", 0.7)
+    refused = {name: why for name, why in needed.usable.items() if why is not None}
+    samples, latency = _measured(
+        recording, aircraft, states, refused, delay or _input_rows(states.time, found)
+    )
+    return Flight(
+        recording=recording,
+        segments=found,
+        airborne=float(sum(end - start for start, end in intervals)),
+        reconstruction=states,
+        compatibility=compatibility.check(states),
+        delay=latency,
+        samples=samples,
+        warnings=tuple(needed.warnings),
+        read_seconds=read_at - started,
+        reconstruct_seconds=clock.perf_counter() - read_at,
+    )
+
+
+def _measured(
+    recording: Recording,
+    aircraft: Aircraft,
+    states: Reconstruction,
+    refused: Mapping[str, str],
+    delay: Delay | Bool[np.ndarray, " sample"],
+) -> tuple[Samples, Delay]:
+    """Coefficients with the surfaces delayed as known, or as found on the given samples."""
+    stream = recording.streams[SERVO_STREAM]
+    stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
+
+    def deflections(late: float) -> dict[str, Float[np.ndarray, " sample"]]:
+        time, pulses = _pulses(stream, _control_channels(aircraft))
+        moved = actuators.controls(aircraft, pulses, time, at=states.time, extra_delay=late)
+        return {
+            name: np.broadcast_to(np.asarray(value), states.time.shape)
+            for name, value in moved.items()
+        }
+
+    def measured(late: float) -> Samples:
+        return coefficients.measure(
+            states,
+            aircraft,
+            controls=deflections(late),
+            thrust=thrust(recording, aircraft, states),
+            refused=refused,
+        )
+
+    if isinstance(delay, Delay):
+        return measured(delay.value), delay
+    found = surface_delay(
+        measured(stated.delay),
+        deflections,
+        delay,
+        stated=stated.delay,
+        stated_sigma=stated.sigma,
+    )
+    return measured(found.value), found
+
+
+def _input_rows(
+    time: Float[np.ndarray, " sample"], segments: Sequence[Segment]
+) -> Bool[np.ndarray, " sample"]:
+    """Samples of the deliberate inputs; of all maneuvers where these are too short."""
+
+    def inside(chosen: Sequence[Segment]) -> Bool[np.ndarray, " sample"]:
+        return np.any([(time >= item.start) & (time < item.end) for item in chosen], axis=0)
+
+    inputs = [item for item in segments if item.kind in INPUTS]
+    long_enough = sum(item.duration for item in inputs) > SHORTEST_INPUTS
+    return inside(inputs if long_enough else segments)
+
+
+def _control_channels(aircraft: Aircraft) -> tuple[int, ...]:
+    """Output channels behind the surfaces that any control mixes."""
+    used = {name for control in aircraft.controls for name in control.mix}
+    return tuple(servo.channel for servo in aircraft.servos if servo.surface in used)
+
+
+def _pulses(
+    stream: Stream, channels: Sequence[int]
+) -> tuple[Float[np.ndarray, " sample"], dict[int, Float[np.ndarray, " sample"]]]:
+    """Times and pulses [µs] of the samples in which every one of `channels` was reported."""
+    good = np.all([stream.valid(f"pwm_{channel}") for channel in channels], axis=0)
+    time = np.asarray(stream.time)[good]
+    return time, {
+        channel: np.asarray(stream.channels[f"pwm_{channel}"])[good] for channel in channels
+    }
+
+
+def thrust(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Thrust:
+    """Thrust of all engines over a reconstructed flight, as the aircraft file has it."""
+    force = np.zeros((states.time.size, 3))
+    moment = np.zeros((states.time.size, 3))
+    for engine in aircraft.propulsion:
+        axis = np.array(engine.axis) / np.linalg.norm(engine.axis)
+        push, torque = _engine(recording, engine, states)
+        along = push[:, None] * axis
+        force += along
+        lever = np.array(engine.position) - np.array(aircraft.mass.cg)
+        moment += np.cross(lever, along) + torque[:, None] * axis
+    sigma = max((engine.thrust_sigma for engine in aircraft.propulsion), default=0.0)
+    return Thrust(force, moment, sigma)
+
+
+def _engine(
+    recording: Recording, engine: Propulsion, states: Reconstruction
+) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
+    """Thrust [N] and reaction torque [N·m] of one engine."""
+    flow = (states.airspeed, states.data.density)
+    if engine.rpm is not None:
+        channel = f"rpm_{engine.throttle_channel}"
+        stream = recording.first(RPM_STREAMS, channel) or recording.first(RPM_STREAMS, "rpm_1")
+        if stream is None:
+            raise RefusedError(
+                recording.source,
+                "the aircraft file gives thrust over rotation speed, and none was recorded",
+                fix="ask the autopilot for RPM or ESC_TELEMETRY_1_TO_4 at 10 Hz",
+            )
+        name = channel if stream.has(channel) else "rpm_1"
+        good = stream.valid(name)
+        setting = np.interp(
+            states.time, np.asarray(stream.time)[good], np.asarray(stream.channels[name])[good]
+        )
+    else:
+        time, pulses = _pulses(recording.streams[SERVO_STREAM], (engine.throttle_channel,))
+        setting = np.asarray(
+            propulsion.throttle(engine, pulses[engine.throttle_channel], time, at=states.time)
+        )
+    return (
+        np.asarray(propulsion.static_thrust(engine, setting, *flow)),
+        np.asarray(propulsion.static_torque(engine, setting, *flow)),
+    )

@@ -1,0 +1,102 @@
+"""`predict`: coefficients of a flight that the model has not seen."""
+
+from __future__ import annotations
+
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.offline import (
+    advice,
+    documents,
+    flight,
+    maneuver_choice,
+    model_store,
+    samples_table,
+    summary,
+)
+from gcs_sysid.offline.flight import Progress
+
+
+def run(
+    log: Path,
+    model_dir: Path,
+    *,
+    vehicle: int | None,
+    segments: Path | None,
+    out: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Predicts a flight and writes `predictions.parquet` and `summary.json` to `out`.
+
+    The surfaces' delay is the one found when the model was made; everything else of the flight is
+    reconstructed anew.
+
+    Raises:
+        InputError: the log or the model cannot be used.
+    """
+    started = clock.perf_counter()
+    stored = model_store.load(model_dir)
+    one = flight.read(
+        log,
+        stored.aircraft,
+        vehicle=vehicle,
+        segments=maneuver_choice.chooser(segments, stored.aircraft),
+        delay=Delay(stored.surface_delay, 0.0, found=True),
+        progress=progress,
+    )
+    everything = [item.id for item in one.segments]
+    table = samples_table.table([one], stored.model, everything)
+    documents.write_table(out / "predictions.parquet", table)
+    refused = {
+        **{
+            name: "the model has no such coefficient: the flights it was made from refused it"
+            for name in set(one.samples.measured) - set(stored.model.fits)
+        },
+        **one.samples.refused,
+    }
+    document = {
+        **summary.header("predict", stored.aircraft, "model"),
+        "flights": summary.flights_document([one]),
+        "model": {"flights": stored.provenance},
+        "coefficients": summary.scores(table, table["maneuver"] >= 0, refused),
+        "derivatives": summary.derivatives(stored.model, stored.aircraft),
+        "reconstruction": summary.reconstruction(one),
+        "compatibility": summary.compatibility(one),
+        "maneuvers": summary.maneuvers([one], everything),
+        "envelope": summary.envelope(table, stored.model.controls),
+        "trim": summary.trim(table, stored.model.controls),
+        "limits": summary.limits(stored.aircraft),
+        "warnings": [*advice.warnings([one], stored.model), *_beyond(table, stored)],
+        "cannot_tell": [],
+    }
+    document["timing"] = {
+        "read_s": one.read_seconds,
+        "reconstruct_s": one.reconstruct_seconds,
+        "total_s": clock.perf_counter() - started,
+    }
+    documents.write_json(out / "summary.json", document)
+    return documents.plain(document)
+
+
+def _beyond(table: dict[str, np.ndarray], stored: model_store.StoredModel) -> list[str]:
+    """Regressors that left the range the model was fitted on."""
+    out = []
+    used = table["maneuver"] >= 0
+    ranges: dict[str, tuple[float, float]] = {}
+    for fit in stored.model.fits.values():
+        for key, low, high in zip(fit.keys, fit.lowest, fit.highest, strict=True):
+            if key in table:
+                ranges[key] = (float(low), float(high))
+    for key, (low, high) in ranges.items():
+        values = table[key][used]
+        share = float(np.mean((values < low) | (values > high)))
+        if share > 0.02:
+            out.append(
+                f"{key} is outside the range the model was fitted on for {100.0 * share:.0f} % of "
+                "this flight: the prediction extrapolates there"
+            )
+    return out

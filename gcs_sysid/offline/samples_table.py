@@ -1,0 +1,73 @@
+"""The table of samples: `samples.parquet` of `identify`, `predictions.parquet` of `predict`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.offline.flight import Flight
+
+GLOBAL_MODEL = 0
+"""Region of a model that has no local parts."""
+
+
+def table(
+    flights: Sequence[Flight], model: AeroModel, held_out: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """All flights, one row a sample.
+
+    Columns are `time_us` (log clock), the flow as the aerodynamics feel it (`V` m/s, `qbar` Pa,
+    `alpha`, `beta` rad, `phat`, `qhat`, `rhat`), inertial rates, one column a control [rad], for
+    each coefficient the measured value and one standard deviation of its noise, and the model's
+    value with one standard deviation of the coefficient itself; then attitude, wind, bands and
+    maneuver.
+
+    Args:
+        flights: what to tabulate.
+        model: whose values to set beside the measured ones.
+        held_out: ids of maneuvers that took no part in the fit of `model`.
+    """
+    parts = [_one(index, flight, model, held_out) for index, flight in enumerate(flights)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _one(
+    index: int, flight: Flight, model: AeroModel, held_out: Sequence[int]
+) -> dict[str, np.ndarray]:
+    samples, states = flight.samples, flight.reconstruction
+    flow_deviation = np.sqrt(np.einsum("sii->si", states.flow_covariance))
+    piece = flight.pieces()
+    columns: dict[str, np.ndarray] = {
+        "time_us": flight.recording.time_us(samples.time),
+        "V": states.airspeed,
+        **{
+            name: samples.regressors[name]
+            for name in ("qbar", "alpha", "beta", "phat", "qhat", "rhat")
+        },
+        **dict(zip("pqr", states.rate.T, strict=True)),
+        **{name: samples.regressors[name] for name in model.controls},
+    }
+    predicted = model.predict(samples.regressors, measured=True)
+    missing = np.full(samples.time.size, np.nan)
+    for name in COEFFICIENTS:
+        known = name in predicted
+        columns[f"{name}_measured"] = samples.measured.get(name, missing)
+        noise = samples.noise.get(name, missing)
+        columns[f"{name}_measured_sd"] = (
+            noise * np.sqrt(model.fits[name].calibration) if known else noise
+        )
+        columns[name] = predicted[name].mean if known else missing
+        columns[f"{name}_sd"] = predicted[name].deviation if known else missing
+    columns["region"] = np.full(samples.time.size, GLOBAL_MODEL)
+    columns["flight"] = np.full(samples.time.size, index)
+    columns["t"] = samples.time
+    columns |= dict(zip(("phi", "theta", "psi"), states.euler.T, strict=True))
+    columns |= dict(zip(("V_sd", "alpha_sd", "beta_sd"), flow_deviation.T, strict=True))
+    columns |= dict(zip(("wind_north", "wind_east", "wind_down"), states.wind.T, strict=True))
+    columns["thrust_coefficient"] = samples.regressors["Tc"]
+    columns["maneuver"] = piece
+    columns["held_out"] = np.isin(piece, np.asarray(list(held_out), dtype=int))
+    return columns
