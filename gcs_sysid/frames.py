@@ -3,6 +3,7 @@
 Every function takes NumPy or JAX arrays alike and answers in kind. A quaternion is scalar first and
 turns body vectors into NED ones; Euler angles are roll, pitch, yaw in the z-y-x order of flight
 mechanics (Stevens, Lewis & Johnson, *Aircraft Control and Simulation*, 3rd ed. 2015, section 1.3).
+Axes marked `#` broadcast: one mounting turns a whole flight.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def euler_from_quaternion(quaternion: Float[Array, "*batch four"]) -> Float[Arra
     )
 
 
-def multiply(first: Float[Array, "*batch four"], second: Float[Array, "*batch four"]) -> Array:
+def multiply(first: Float[Array, "*#batch four"], second: Float[Array, "*#batch four"]) -> Array:
     """Hamilton product: the rotation `second`, then `first`."""
     xp = first.__array_namespace__()
     a, b, c, d = (first[..., i] for i in range(4))
@@ -95,19 +96,19 @@ def logarithm(quaternion: Float[Array, "*batch four"]) -> Float[Array, "*batch a
     return factor * vector
 
 
-def rotate(quaternion: Float[Array, "*batch four"], body: Float[Array, "*batch axis"]) -> Array:
+def rotate(quaternion: Float[Array, "*#batch four"], body: Float[Array, "*#batch axis"]) -> Array:
     """Body vector into NED."""
     scalar, vector = quaternion[..., :1], quaternion[..., 1:]
     turned = 2.0 * cross(vector, body)
     return body + scalar * turned + cross(vector, turned)
 
 
-def unrotate(quaternion: Float[Array, "*batch four"], ned: Float[Array, "*batch axis"]) -> Array:
+def unrotate(quaternion: Float[Array, "*#batch four"], ned: Float[Array, "*#batch axis"]) -> Array:
     """NED vector into body axes."""
     return rotate(conjugate(quaternion), ned)
 
 
-def cross(first: Float[Array, "*batch axis"], second: Float[Array, "*batch axis"]) -> Array:
+def cross(first: Float[Array, "*#batch axis"], second: Float[Array, "*#batch axis"]) -> Array:
     """Vector product over the last axis, with broadcasting."""
     xp = first.__array_namespace__()
     a, b, c = (first[..., i] for i in range(3))
