@@ -24,7 +24,7 @@ from gcs_sysid import frames
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.reconstruct import rates
 from gcs_sysid.reconstruct.rates import AngularMotion
-from gcs_sysid.reconstruct.reconstruction import Reconstruction
+from gcs_sysid.reconstruct.reconstruction import States
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,6 @@ class Samples:
         mass_part: what a relative error of one in mass (forces) or inertia (moments) adds to it.
         thrust_part: what a relative error of one in thrust adds.
         smoothing: ratio of the smoother that the moments went through, see `rates`.
-        reconstruction: the flight behind it.
         refused: coefficients that this flight cannot give, with the reason.
     """
 
@@ -70,56 +69,57 @@ class Samples:
     mass_part: Mapping[str, Float[np.ndarray, " sample"]]
     thrust_part: Mapping[str, Float[np.ndarray, " sample"]]
     smoothing: float
-    reconstruction: Reconstruction
     refused: Mapping[str, str]
 
 
 def measure(
-    reconstruction: Reconstruction,
+    states: States,
     aircraft: Aircraft,
     *,
     controls: Mapping[str, Float[np.ndarray, " sample"]],
     thrust: Thrust,
     refused: Mapping[str, str],
+    motion: AngularMotion | None = None,
 ) -> Samples:
     """Coefficients at every sample of a reconstructed flight.
 
     Args:
-        reconstruction: the flight.
+        states: the flight's, reconstructed.
         aircraft: mass properties and reference geometry.
         controls: deflections as the air feels them [rad], delays already taken off.
         thrust: of the aircraft file, on the same samples.
         refused: coefficients not to be computed, with the reason.
+        motion: angular motion where it is known already; None finds it in the flight.
     """
-    motion = rates.angular_motion(reconstruction.time, reconstruction.rate)
-    speed = reconstruction.airspeed
-    qbar = 0.5 * reconstruction.data.density * speed**2
-    loads = _loads(reconstruction, aircraft, motion, thrust)
+    if motion is None:
+        motion = rates.angular_motion(states.time, states.rate)
+    speed = states.airspeed
+    qbar = 0.5 * states.density * speed**2
+    loads = _loads(states, aircraft, motion, thrust)
     scale = _reference(aircraft, qbar)
     total = loads.aerodynamic / scale
     noise = np.concatenate(
         [
-            np.full(motion.rate.shape, aircraft.mass.mass * reconstruction.noise.accelerometer),
+            np.full(motion.rate.shape, aircraft.mass.mass * states.noise.accelerometer),
             np.abs(np.diagonal(aircraft.mass.inertia)) * motion.acceleration_deviation,
         ],
         axis=1,
     ) / np.abs(scale)
-    relative = 2.0 * np.sqrt(reconstruction.flow_covariance[:, 0, 0]) / speed
+    relative = 2.0 * np.sqrt(states.flow_covariance[:, 0, 0]) / speed
     noise = np.hypot(noise, np.abs(total) * relative[:, None])
     kept = [name for name in COEFFICIENTS if name not in refused]
     column = {name: index for index, name in enumerate(COEFFICIENTS)}
     mass_part, thrust_part = loads.inertial / scale, -loads.thrust / scale
     return Samples(
-        time=reconstruction.time,
+        time=states.time,
         qbar=qbar,
-        regressors=regressor_values(reconstruction, aircraft, motion, controls, thrust, qbar),
-        regressor_variance=_regressor_variance(reconstruction, aircraft),
+        regressors=regressor_values(states, aircraft, motion, controls, thrust, qbar),
+        regressor_variance=_regressor_variance(states, aircraft),
         measured={name: total[:, column[name]] for name in kept},
         noise={name: noise[:, column[name]] for name in kept},
         mass_part={name: mass_part[:, column[name]] for name in kept},
         thrust_part={name: thrust_part[:, column[name]] for name in kept},
         smoothing=motion.ratio,
-        reconstruction=reconstruction,
         refused=dict(refused),
     )
 
@@ -146,12 +146,10 @@ class _Loads:
     thrust: Float[np.ndarray, "sample six"]
 
 
-def _loads(
-    reconstruction: Reconstruction, aircraft: Aircraft, motion: AngularMotion, thrust: Thrust
-) -> _Loads:
+def _loads(states: States, aircraft: Aircraft, motion: AngularMotion, thrust: Thrust) -> _Loads:
     rate, acceleration = motion.rate, motion.acceleration
-    lever = np.broadcast_to(reconstruction.lever, rate.shape)
-    specific = reconstruction.force - (
+    lever = np.broadcast_to(states.lever, rate.shape)
+    specific = states.force - (
         frames.cross(acceleration, lever) + frames.cross(rate, frames.cross(rate, lever))
     )
     push = aircraft.mass.mass * specific
@@ -169,7 +167,7 @@ def _loads(
 
 
 def _regressor_variance(
-    reconstruction: Reconstruction, aircraft: Aircraft
+    states: States, aircraft: Aircraft
 ) -> dict[str, Float[np.ndarray, " sample"]]:
     """Variance of the regressors as values of what the aerodynamics feel.
 
@@ -178,16 +176,16 @@ def _regressor_variance(
     (MIL-F-8785C, section 3.7.2): σ_p = 1.9 σ_w/√(L b), σ_q = σ_w √(π/(2 L b)), σ_r = σ_v √(2π/(3 L
     b)).
     """
-    noise = reconstruction.noise
-    speed = reconstruction.airspeed
+    noise = states.noise
+    speed = states.airspeed
     shape = aircraft.geometry
     scale = float(noise.gust_time) * speed * shape.wing_span
     sideways, vertical = float(noise.gust[1]) ** 2, float(noise.gust[2]) ** 2
     half_span = (shape.wing_span / (2.0 * speed)) ** 2
     half_chord = (shape.mean_chord / (2.0 * speed)) ** 2
     return {
-        "alpha": reconstruction.flow_covariance[:, 1, 1],
-        "beta": reconstruction.flow_covariance[:, 2, 2],
+        "alpha": states.flow_covariance[:, 1, 1],
+        "beta": states.flow_covariance[:, 2, 2],
         "phat": half_span * 1.9**2 * vertical / scale,
         "qhat": half_chord * np.pi / 2.0 * vertical / scale,
         "rhat": half_span * 2.0 * np.pi / 3.0 * sideways / scale,
@@ -195,7 +193,7 @@ def _regressor_variance(
 
 
 def regressor_values(
-    reconstruction: Reconstruction,
+    states: States,
     aircraft: Aircraft,
     motion: AngularMotion,
     controls: Mapping[str, Float[np.ndarray, " sample"]],
@@ -203,22 +201,20 @@ def regressor_values(
     qbar: Float[np.ndarray, " sample"],
 ) -> dict[str, Float[np.ndarray, " sample"]]:
     """Every variable that a regressor may use (rates made dimensionless; α̇ by the smoother)."""
-    speed = reconstruction.airspeed
+    speed = states.airspeed
     shape = aircraft.geometry
-    alpha_rate = rates.smooth(
-        reconstruction.time, reconstruction.alpha[:, None], motion.ratio
-    ).derivative[:, 0]
-    rate = reconstruction.rate
+    alpha_rate = rates.smooth(states.time, states.alpha[:, None], motion.ratio).derivative[:, 0]
+    rate = states.rate
     return {
-        "alpha": reconstruction.alpha,
-        "beta": reconstruction.beta,
+        "alpha": states.alpha,
+        "beta": states.beta,
         "phat": rate[:, 0] * shape.wing_span / (2.0 * speed),
         "qhat": rate[:, 1] * shape.mean_chord / (2.0 * speed),
         "rhat": rate[:, 2] * shape.wing_span / (2.0 * speed),
         "alphadot_hat": alpha_rate * shape.mean_chord / (2.0 * speed),
         "Tc": np.sum(thrust.force, axis=1) / (qbar * shape.wing_area),
         "qbar": qbar,
-        "h_over_b": reconstruction.data.height / shape.wing_span,
+        "h_over_b": states.height / shape.wing_span,
         "V": speed,
         **controls,
     }

@@ -151,14 +151,14 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     white = inverse * float(residual @ residual) / max(count - terms, 1)
     effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
     scale = inverse @ effect
-    pull = _pull(problem, root, information, value)
+    bent = pull(_errors(problem, root), information, value)
     parts = {
         "noise": coloured,
         "scale": scale @ scale.T,
-        "regressor": pull @ pull.T,
+        "regressor": bent @ bent.T,
     }
     raw = sum(parts.values(), np.zeros_like(white))
-    mean, covariance, kept = _with_prior(value, raw, prior, problem.keys)
+    mean, covariance, kept = with_prior(value, raw, prior, problem.keys)
     departure = problem.measured - problem.columns @ mean
     left, noise = float(np.mean(departure**2)), float(np.mean(problem.noise**2))
     spread = problem.columns.std(axis=0)
@@ -221,9 +221,14 @@ def _lagged(
     return np.fft.irfft(cross, size, axis=0)[:reach]
 
 
-def _pull(
-    problem: Problem,
-    root: Float[np.ndarray, " sample"],
+def _errors(problem: Problem, root: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "term term"]:
+    """Covariance of the columns' errors, weighted and summed over the samples."""
+    weight = problem.slope_variance * root**2
+    return np.einsum("vs,vsi,vsj->ij", weight, problem.slopes, problem.slopes, optimize=True)
+
+
+def pull(
+    error: Float[np.ndarray, "term term"],
     information: Float[np.ndarray, "term term"],
     value: Float[np.ndarray, " term"],
 ) -> Float[np.ndarray, "term direction"]:
@@ -234,8 +239,6 @@ def _pull(
     which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
     there: the flight then says next to nothing about them.
     """
-    weight = problem.slope_variance * root**2
-    error = np.einsum("vs,vsi,vsj->ij", weight, problem.slopes, problem.slopes, optimize=True)
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     balanced = information * np.outer(scale, scale)
     roots, vectors = np.linalg.eigh(balanced)
@@ -247,7 +250,7 @@ def _pull(
     return scale[:, None] * basis * (share / (1.0 - share) * along)
 
 
-def _with_prior(
+def with_prior(
     value: Float[np.ndarray, " term"],
     covariance: Float[np.ndarray, "term term"],
     prior: Prior | None,

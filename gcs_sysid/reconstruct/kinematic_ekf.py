@@ -76,9 +76,14 @@ def observation(
 
 
 @functools.cache
-def _compiled() -> tuple[Any, Any, Any]:
+def _compiled() -> tuple[Any, Any, Any, Any]:
     """The model's functions, compiled once for a process."""
-    return jax.jit(transition), jax.jit(observation), jax.jit(process_covariance)
+    return (
+        jax.jit(transition),
+        jax.jit(observation),
+        jax.jit(process_covariance),
+        jax.jit(compose),
+    )
 
 
 class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type information
@@ -116,7 +121,7 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
         if not isinstance(u, tuple):
             raise TypeError("`u` must be (Imu before, Imu after, step)")
         before, after, step = u
-        move, _, spread = _compiled()
+        move, _, spread, _ = _compiled()
         length = jnp.asarray(step, dtype=jnp.float64)
         ahead, jacobian = move(self.state, before, after, length, self.noise)
         self.attitude = np.asarray(ahead.attitude)
@@ -126,7 +131,7 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
 
     def observe(self, imu: Imu, measured: Measurements) -> None:
         """Takes in what arrived since the last step and folds the attitude error back."""
-        _, look, _ = _compiled()
+        _, look, _, fold = _compiled()
         residual, jacobian, variance, nis = (
             np.asarray(value)
             for value in look(
@@ -141,7 +146,7 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
             Hx=lambda _: np.zeros(ROWS),
             R=np.diag(variance),
         )
-        folded = compose(
+        folded = fold(
             State(jnp.asarray(self.attitude), jnp.asarray(before)), jnp.asarray(self.x - before)
         )
         self.attitude = np.asarray(folded.attitude)

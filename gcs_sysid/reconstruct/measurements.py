@@ -96,7 +96,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         accelerometer = _interpolate(time, force_time, force)
         used["accelerometer"] = inertial.name
         rates["accelerometer"] = _rate(force_time)
-    gyro, accelerometer = _known_errors_off(aircraft, gyro, accelerometer)
+    gyro, accelerometer = known_errors_off(aircraft, gyro, accelerometer)
     return FlightData(
         time=time,
         gyro=gyro,
@@ -227,7 +227,7 @@ def _measurements(
         if group == "airspeed":
             moving = data[:, 0] > SLOWEST_AIRSPEED
             known, data = known[moving], data[moving]
-            data = _true_airspeed(aircraft, data, np.interp(known, time, static))
+            data = true_airspeed(aircraft, data, np.interp(known, time, static))
         elif group == "attitude":
             data = frames.quaternion_from_euler(data)
         rows, chosen, offset = _slots(time, known)
@@ -241,7 +241,7 @@ def _measurements(
         airspeed=values["airspeed"],
         velocity=values["velocity"],
         attitude=values["attitude"],
-        vanes=_vane_errors_off(aircraft, values["vanes"]),
+        vanes=vane_errors_off(aircraft, values["vanes"]),
         valid=valid,
         age=age,
     )
@@ -267,7 +267,7 @@ def _slots(
     return rows[near], chosen[near], offset[chosen][near]
 
 
-def _true_airspeed(
+def true_airspeed(
     aircraft: Aircraft,
     indicated: Float[np.ndarray, "sample one"],
     static: Float[np.ndarray, " sample"],
@@ -282,9 +282,10 @@ def _true_airspeed(
     return atmosphere.eas_to_tas(clean, atmosphere.density_from_pressure(static))[:, None]
 
 
-def _vane_errors_off(
+def vane_errors_off(
     aircraft: Aircraft, angles: Float[np.ndarray, "sample two"]
 ) -> Float[np.ndarray, "sample two"]:
+    """Angle of attack and sideslip at the vanes, with the file's biases, scales, upwash undone."""
     vanes = aircraft.vanes
     if vanes is None:
         return angles
@@ -293,7 +294,7 @@ def _vane_errors_off(
     return (angles - bias) / (1.0 + scale)
 
 
-def _known_errors_off(
+def known_errors_off(
     aircraft: Aircraft,
     gyro: Float[np.ndarray, "sample axis"],
     accelerometer: Float[np.ndarray, "sample axis"],

@@ -25,6 +25,8 @@ RATIOS = np.logspace(1.0, 10.0, 28)
 """Candidate ratios q/r [1/s³]: cut-offs from about 0.3 Hz to 50 Hz."""
 BLOCK = 4096
 """Flights are padded to whole blocks, so that few lengths are ever compiled."""
+WINDOW = 128
+"""So many samples or fewer are padded to this many: what a live run looks at."""
 
 
 class Smooth(NamedTuple):
@@ -46,34 +48,48 @@ class AngularMotion(NamedTuple):
     ratio: float
 
 
+def advance(
+    belief: tuple[Array, Array],
+    step: Float[Array, ""],
+    seen: Float[Array, " signal"],
+    ratio: Float[Array, ""],
+) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+    """One step of the filter for r = 1.
+
+    Returns the new mean and covariance, and beside them what was predicted: mean, covariance,
+    innovation and its variance.
+    """
+    mean, covariance = belief
+    move = jnp.eye(2) + jnp.array([[0.0, 1.0], [0.0, 0.0]]) * step
+    ahead = move @ mean
+    spread = move @ covariance @ move.T + ratio * jnp.array(
+        [[1.0 / 3.0, 0.5], [0.5, 1.0]]
+    ) * jnp.array([[step**3, step**2], [step**2, step]])
+    variance = spread[0, 0] + 1.0
+    gain = spread[:, 0] / variance
+    innovation = seen - ahead[0]
+    mean = ahead + gain[:, None] * innovation[None, :]
+    covariance = spread - jnp.outer(gain, gain) * variance
+    return (mean, covariance), (ahead, spread, innovation, variance)
+
+
+def start(first: Float[Array, " signal"], ratio: Float[Array, ""]) -> tuple[Array, Array]:
+    """Belief before the first sample: that sample, at rest."""
+    return jnp.stack([first, jnp.zeros_like(first)]), jnp.diag(jnp.stack([jnp.ones(()), ratio]))
+
+
 def _filter(
     step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
 ) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """Forward pass for r = 1: filtered and predicted moments, innovations and their variance."""
-    columns = signal.shape[1]
 
-    def advance(
-        carry: tuple[Array, Array], row: tuple[Array, Array]
+    def take(
+        belief: tuple[Array, Array], row: tuple[Array, Array]
     ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-        mean, covariance = carry
-        length, seen = row
-        move = jnp.eye(2) + jnp.array([[0.0, 1.0], [0.0, 0.0]]) * length
-        ahead = move @ mean
-        spread = move @ covariance @ move.T + ratio * jnp.array(
-            [[1.0 / 3.0, 0.5], [0.5, 1.0]]
-        ) * jnp.array([[length**3, length**2], [length**2, length]])
-        variance = spread[0, 0] + 1.0
-        gain = spread[:, 0] / variance
-        innovation = seen - ahead[0]
-        mean = ahead + gain[:, None] * innovation[None, :]
-        covariance = spread - jnp.outer(gain, gain) * variance
-        return (mean, covariance), (mean, covariance, ahead, spread, innovation, variance)
+        updated, (ahead, spread, innovation, variance) = advance(belief, *row, ratio)
+        return updated, (*updated, ahead, spread, innovation, variance)
 
-    start = (
-        jnp.concatenate([signal[:1], jnp.zeros((1, columns))]),
-        jnp.diag(jnp.array([1.0, ratio])),
-    )
-    _, out = jax.lax.scan(advance, start, (step, signal))
+    _, out = jax.lax.scan(take, start(signal[0], ratio), (step, signal))
     return out[:4], out[4:]
 
 
@@ -142,7 +158,7 @@ def _padded(
     time: Float[np.ndarray, " sample"], signal: Float[np.ndarray, "sample signal"]
 ) -> tuple[Array, Array, Array]:
     """Steps, signals and weights, padded with late, unweighted copies of the last sample."""
-    missing = -time.size % BLOCK
+    missing = -time.size % (BLOCK if time.size > WINDOW else WINDOW)
     usual = float(np.median(np.diff(time)))
     step = np.concatenate([np.diff(time, prepend=time[0] - usual), np.full(missing, usual)])
     values = np.concatenate([signal, np.repeat(signal[-1:], missing, axis=0)])
@@ -156,6 +172,11 @@ def most_likely_ratio(
     """Ratio q/r [1/s³] under which the rates are most likely, refined between candidates."""
     step, values, weight = _padded(time, rate)
     score = np.array([float(_likelihood(step, values, weight, jnp.asarray(x))) for x in RATIOS])
+    return between_candidates(score)
+
+
+def between_candidates(score: Float[np.ndarray, " candidate"]) -> float:
+    """Ratio at the top of the parabola through the best of `RATIOS` and its neighbours."""
     best = int(np.clip(np.argmax(score), 1, RATIOS.size - 2))
     left, middle, right = score[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
@@ -195,6 +216,16 @@ def angular_motion(
     ratio = most_likely_ratio(time, rate)
     step, values, weight = _padded(time, rate)
     noise = np.sqrt(np.asarray(_noise(step, values, weight, jnp.asarray(ratio))))
+    return motion(time, rate, ratio, noise)
+
+
+def motion(
+    time: Float[np.ndarray, " sample"],
+    rate: Float[np.ndarray, "sample axis"],
+    ratio: float,
+    noise: Float[np.ndarray, " axis"],
+) -> AngularMotion:
+    """As `angular_motion`, with a known ratio and a known noise [rad/s] of each rate."""
     smoothed = smooth(time, rate, ratio)
     return AngularMotion(
         rate=smoothed.value,

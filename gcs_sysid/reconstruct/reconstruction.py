@@ -63,26 +63,24 @@ has less (MIL-F-8785C), convective more; the larger keeps the bands honest."""
 
 
 @dataclass(frozen=True)
-class Reconstruction:
-    """A flight as the kinematics explain it, on the inertial unit's clock.
+class States:
+    """Motion of an aircraft through the air, as far as the equations of motion ask.
 
     Attributes:
-        data: what it was made from.
-        smoothed: the smoother's answer.
-        noise: intensities used, found from the flight.
+        time: sample times [s after the epoch].
+        noise: intensities the estimate rests on.
         airspeed: true airspeed at the centre of gravity [m/s].
         alpha: angle of attack there [rad].
         beta: sideslip there [rad].
         flow_covariance: of the three.
         rate: angular rate, sensor errors off [rad/s].
         force: specific force at the inertial unit, sensor errors off [m/s²].
-        euler: roll, pitch, yaw [rad].
-        wind: steady wind plus gust, blowing toward NED [m/s].
         lever: position of the inertial unit from the centre of gravity [m].
+        density: of the air [kg/m³].
+        height: above the ground at take-off or start [m].
     """
 
-    data: FlightData
-    smoothed: Smoothed
+    time: Float[np.ndarray, " sample"]
     noise: Noise
     airspeed: Float[np.ndarray, " sample"]
     alpha: Float[np.ndarray, " sample"]
@@ -90,14 +88,26 @@ class Reconstruction:
     flow_covariance: Float[np.ndarray, "sample three three"]
     rate: Float[np.ndarray, "sample axis"]
     force: Float[np.ndarray, "sample axis"]
+    lever: Float[np.ndarray, " axis"]
+    density: Float[np.ndarray, " sample"]
+    height: Float[np.ndarray, " sample"]
+
+
+@dataclass(frozen=True)
+class Reconstruction(States):
+    """A flight as the kinematics explain it, on the inertial unit's clock.
+
+    Attributes:
+        data: what it was made from.
+        smoothed: the smoother's answer.
+        euler: roll, pitch, yaw [rad].
+        wind: steady wind plus gust, blowing toward NED [m/s].
+    """
+
+    data: FlightData
+    smoothed: Smoothed
     euler: Float[np.ndarray, "sample axis"]
     wind: Float[np.ndarray, "sample axis"]
-    lever: Float[np.ndarray, " axis"]
-
-    @property
-    def time(self) -> Float[np.ndarray, " sample"]:
-        """Sample times [s after the epoch]."""
-        return self.data.time
 
     def block(self, name: str) -> Float[np.ndarray, "sample size"]:
         """Smoothed values of one block of the state."""
@@ -119,7 +129,7 @@ def reconstruct(data: FlightData, aircraft: Aircraft) -> Reconstruction:
         States, wind and sensor errors with their uncertainty. Without flow vanes, angles of attack
         and sideslip see gusts only through the airspeed: their bands then hold the gust.
     """
-    levers, reference = _levers(aircraft)
+    levers, reference = sensor_levers(aircraft)
     noise = first_noise(data)
     inputs = data.inputs()
     sample = _middle(inputs)
@@ -132,7 +142,7 @@ def reconstruct(data: FlightData, aircraft: Aircraft) -> Reconstruction:
     return _described(data, smoothed, noise, -reference)
 
 
-def _levers(aircraft: Aircraft) -> tuple[Levers, Float[np.ndarray, " axis"]]:
+def sensor_levers(aircraft: Aircraft) -> tuple[Levers, Float[np.ndarray, " axis"]]:
     """Sensor positions, and the centre of gravity, from the inertial unit."""
     unit = np.array(aircraft.imu.position)
     vanes = np.array(aircraft.vanes.position) if aircraft.vanes is not None else unit
@@ -272,7 +282,10 @@ def _described(
     return Reconstruction(
         data=data,
         smoothed=smoothed,
+        time=data.time,
         noise=noise,
+        density=data.density,
+        height=data.height,
         airspeed=smoothed.flow[:, 0],
         alpha=smoothed.flow[:, 1],
         beta=smoothed.flow[:, 2],
