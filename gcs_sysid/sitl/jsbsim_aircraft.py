@@ -18,6 +18,7 @@ import jsbsim
 from gcs_sysid.aircraft import COEFFICIENTS, ZERO, Aircraft, Vector
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import jsbsim_xml, units
+from gcs_sysid.sitl.jsbsim_xml import Feel, Separation
 
 _log = logging.getLogger(__name__)
 
@@ -40,10 +41,21 @@ class Wind:
         steady: velocity of the air, north east down [m/s].
         gust: standard deviation of the vertical turbulence below 300 m [m/s], a tenth of the wind
             at 6 m (MIL-F-8785C, figure 11); the horizontal ones follow from the height. 0 for calm.
+        gradient: growth of the steady wind with height from where the flight begins [1/s]; towards
+            the north where it is calm there.
     """
 
     steady: Vector = ZERO
     gust: float = 0.0
+    gradient: float = 0.0
+
+    def at(self, climbed: float) -> Vector:
+        """The steady wind `climbed` metres above where the flight begins [m/s]."""
+        north, east, down = self.steady
+        speed = math.hypot(north, east)
+        along = (north / speed, east / speed) if speed > 0.0 else (1.0, 0.0)
+        more = self.gradient * climbed
+        return north + more * along[0], east + more * along[1], down
 
 
 @dataclass(frozen=True)
@@ -188,6 +200,8 @@ class JsbsimAircraft:
         wind: moving air.
         seed: of the turbulence, 0 to 2³¹ - 1.
         step: integration step [s].
+        feel: what the air feels of a control, by control; all of it by default.
+        separation: lift lost beyond a stall.
 
     Raises:
         UsageError: the aircraft cannot be flown; the message says why.
@@ -201,11 +215,17 @@ class JsbsimAircraft:
         wind: Wind = Wind(),
         seed: int = 0,
         step: float = STEP,
+        feel: Mapping[str, Feel] | None = None,
+        separation: Separation | None = None,
     ) -> None:
         self.aircraft = aircraft
+        self._wind = wind
+        self._separation = separation
+        self._separated = 0.0
+        self._step = step
         jsbsim.set_logger(_Log())
         self._fdm = jsbsim.FGFDMExec(None)
-        self._load(jsbsim_xml.model_xml(aircraft))
+        self._load(jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation))
         self._fdm.set_dt(step)
         self._fdm["simulation/randomseed"] = float(seed)
         self._begin(start, wind)
@@ -217,6 +237,10 @@ class JsbsimAircraft:
         thrusters = range(len(aircraft.propulsion))
         self._throttles = [node(jsbsim_xml.throttle_property(i)) for i in thrusters]
         self._thrusts = [node(jsbsim_xml.thrust_property(i)) for i in thrusters]
+        self._winds = [node(f"atmosphere/wind-{axis}-fps") for axis in ("north", "east", "down")]
+        self._altitude, self._alpha = node("position/h-sl-ft"), node("aero/alpha-rad")
+        self._separated_node = node(jsbsim_xml.SEPARATION)
+        self._start_altitude = self._altitude.get_double_value()
 
     def _load(self, text: str) -> None:
         with tempfile.TemporaryDirectory(prefix="gcs-sysid-") as folder:
@@ -268,7 +292,22 @@ class JsbsimAircraft:
             self._controls[name].set_double_value(value)
         for node, value in zip(self._throttles, throttles, strict=True):
             node.set_double_value(value)
+        if self._wind.gradient != 0.0:
+            self._shear()
+        if self._separation is not None:
+            self._separate(self._separation)
         self._fdm.run()
+
+    def _shear(self) -> None:
+        climbed = (self._altitude.get_double_value() - self._start_altitude) * units.FOOT
+        for node, value in zip(self._winds, self._wind.at(climbed), strict=True):
+            node.set_double_value(value / units.FOOT)
+
+    def _separate(self, separation: Separation) -> None:
+        beyond = max(0.0, self._alpha.get_double_value() - separation.alpha_break)
+        share = -math.expm1(-self._step / separation.lag)
+        self._separated += share * (beyond - self._separated)
+        self._separated_node.set_double_value(self._separated)
 
     @property
     def time(self) -> float:

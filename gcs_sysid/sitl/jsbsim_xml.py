@@ -11,7 +11,8 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
@@ -41,9 +42,44 @@ _VARIABLES = {
 }
 
 
+SEPARATION = "sitl/separation"
+"""Property that holds how far the flow has separated: alpha beyond the break, late [rad]."""
+
+
+@dataclass(frozen=True)
+class Feel:
+    """The share of a control's deflection that the air feels.
+
+    gain·(1 + wash·Tc)·(1 + loss·log2(q̄/qbar_ref)), never negative: its own effectiveness, the
+    propeller's wash over a tail, and a structure that gives way.
+    """
+
+    gain: float = 1.0
+    wash: float = 0.0
+    loss: float = 0.0
+    qbar_ref: float = 1.0
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Lift lost beyond a stall: CZ gets `slope`·x, where x follows max(0, alpha - alpha_break).
+
+    x is first order with `lag` [s], so that the loss comes late and goes late: a hysteresis.
+    """
+
+    alpha_break: float
+    slope: float
+    lag: float
+
+
 def control_property(name: str) -> str:
     """Property that holds a control [rad]."""
     return f"sitl/control/{name}"
+
+
+def felt_property(name: str) -> str:
+    """Property that holds what the air feels of a control [rad]."""
+    return f"sitl/felt/{name}"
 
 
 def throttle_property(thruster: int) -> str:
@@ -61,11 +97,18 @@ def coefficient_property(name: str) -> str:
     return f"sitl/coefficient/{name}"
 
 
-def model_xml(aircraft: Aircraft) -> str:
+def model_xml(
+    aircraft: Aircraft,
+    *,
+    feel: Mapping[str, Feel] | None = None,
+    separation: Separation | None = None,
+) -> str:
     """The JSBSim model of an aircraft.
 
     Args:
         aircraft: with `aerodynamics`; everything in SI and radians.
+        feel: what the air feels of a control, by control; all of it by default.
+        separation: lift lost beyond a stall.
 
     Returns:
         Text of an `fdm_config` document.
@@ -87,7 +130,7 @@ def model_xml(aircraft: Aircraft) -> str:
     root.append(_metrics(aircraft))
     root.append(_mass_balance(aircraft))
     ElementTree.SubElement(root, "ground_reactions")
-    root.append(_aerodynamics(aircraft))
+    root.append(_aerodynamics(aircraft, feel or {}, separation))
     root.append(_external_reactions(aircraft))
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -123,18 +166,23 @@ def _mass_balance(aircraft: Aircraft) -> Node:
     return balance
 
 
-def _aerodynamics(aircraft: Aircraft) -> Node:
+def _aerodynamics(
+    aircraft: Aircraft, feel: Mapping[str, Feel], separation: Separation | None
+) -> Node:
     aerodynamics = Node("aerodynamics")
     inputs = [control_property(name) for name in aircraft.control_names]
     inputs += [throttle_property(i) for i in range(len(aircraft.propulsion))]
+    inputs.append(SEPARATION)
     for name in inputs:
         ElementTree.SubElement(aerodynamics, "property", value="0.0").text = name
     # Evaluated in this order before the axes, once a step, and held: so what is read after a step
     # is what acted in it.
     for name, expression in _flow(aircraft):
         _function(aerodynamics, name).append(expression)
+    for name in aircraft.control_names:
+        _function(aerodynamics, felt_property(name)).append(_felt(name, feel.get(name, Feel())))
     for name in COEFFICIENTS:
-        for function in _coefficient(aircraft, name):
+        for function in _coefficient(aircraft, name, separation):
             aerodynamics.append(function)
     for name in COEFFICIENTS:
         axis = ElementTree.SubElement(aerodynamics, "axis", name=_AXES[name])
@@ -164,7 +212,17 @@ def _flow(aircraft: Aircraft) -> Iterable[tuple[str, Node]]:
     yield _VARIABLES["Tc"], _quotient(_operation("sum", 0.0, 0.0, *thrusts), force)
 
 
-def _coefficient(aircraft: Aircraft, name: str) -> Iterable[Node]:
+def _felt(name: str, feel: Feel) -> Node:
+    wash = _operation("sum", 1.0, _operation("product", feel.wash, _VARIABLES["Tc"]))
+    ratio = _operation("quotient", _VARIABLES["qbar"], feel.qbar_ref)
+    # The logarithm of nothing, before the first step, is not asked for.
+    doublings = _operation("log2", _operation("max", 1e-6, ratio))
+    bent = _operation("sum", 1.0, _operation("product", feel.loss, doublings))
+    share = _operation("product", _operation("max", 0.0, wash), _operation("max", 0.0, bent))
+    return _operation("product", feel.gain, control_property(name), share)
+
+
+def _coefficient(aircraft: Aircraft, name: str, separation: Separation | None) -> Iterable[Node]:
     model = aircraft.aerodynamics.get(name)
     terms: list[Node | str | float] = []
     for key, value in model.terms.items() if model else ():
@@ -178,6 +236,8 @@ def _coefficient(aircraft: Aircraft, name: str) -> Iterable[Node]:
             function.append(_operation("product", 1.0, 1.0, *factors))
             yield function
         terms.append(_aerodynamic_table(table, axes))
+    if separation is not None and name == "CZ":
+        terms.append(_operation("product", separation.slope, SEPARATION))
     function = Node("function", name=coefficient_property(name))
     function.append(_operation("sum", 0.0, 0.0, *terms))
     yield function
@@ -241,7 +301,7 @@ def _factors(regressor: Regressor) -> list[Node | str]:
 
 
 def _factor(factor: Factor) -> Node | str:
-    name = _VARIABLES.get(factor.variable) or control_property(factor.variable)
+    name = _VARIABLES.get(factor.variable) or felt_property(factor.variable)
     if factor.side == 0:
         return name
     operands = (name, factor.knot) if factor.side > 0 else (factor.knot, name)

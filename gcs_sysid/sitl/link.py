@@ -6,6 +6,8 @@ microseconds since 1970 (as Mission Planner, QGroundControl and pymavlink write 
 
 from __future__ import annotations
 
+import heapq
+import math
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -40,7 +42,7 @@ class Frame:
 
 
 class Transmitter:
-    """Numbers, packs and sends messages; keeps what arrives.
+    """Numbers, packs and sends messages in the order of their times, and hands over what arrives.
 
     Args:
         link: the radio.
@@ -51,22 +53,32 @@ class Transmitter:
         self._link = link
         self._generator = generator
         self._packer = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._received: list[Frame] = []
+        self._waiting: list[tuple[int, int, Message, bool]] = []
+        self._under_way: list[tuple[int, int, bytes]] = []
         self.sent = 0
 
     def send(self, message: Message, unix_us: int, *, reliable: bool = False) -> None:
         """Send one message at a wall time [µs]; a `reliable` one is repeated until it arrives."""
+        self.sent += 1
+        heapq.heappush(self._waiting, (unix_us, self.sent, message, reliable))
+
+    def arrived(self, until_us: float = math.inf) -> list[Frame]:
+        """What arrives up to a wall time [µs], each frame once, in order of arrival."""
+        while self._waiting and self._waiting[0][0] <= until_us:
+            self._transmit(*heapq.heappop(self._waiting))
+        frames = []
+        while self._under_way and self._under_way[0][0] <= until_us:
+            arrival_us, _, data = heapq.heappop(self._under_way)
+            frames.append(Frame(arrival_us, data))
+        return frames
+
+    def _transmit(self, unix_us: int, order: int, message: Message, reliable: bool) -> None:
         data = bytes(message.pack(self._packer))
         self._packer.seq = (self._packer.seq + 1) % 256
-        self.sent += 1
         luck, late = self._generator.random(), self._generator.standard_exponential()
         if reliable or luck >= self._link.loss:
             delay = self._link.latency + self._link.jitter * late
-            self._received.append(Frame(unix_us + round(1e6 * delay), data))
-
-    def received(self) -> list[Frame]:
-        """What has arrived so far, in order of arrival."""
-        return sorted(self._received, key=lambda frame: frame.arrival_us)
+            heapq.heappush(self._under_way, (unix_us + round(1e6 * delay), order, data))
 
 
 def tlog(frames: Iterable[Frame]) -> bytes:

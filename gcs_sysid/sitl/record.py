@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,28 +15,20 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import telemetry
 from gcs_sysid.sitl.autopilot import PERIOD, Mixer, autopilot
+from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, signal
-from gcs_sysid.sitl.jsbsim_aircraft import (
-    STEP,
-    TURBULENCE_CEILING,
-    JsbsimAircraft,
-    Start,
-    State,
-    Wind,
-)
-from gcs_sysid.sitl.link import Frame, Link, Transmitter, tlog
+from gcs_sysid.sitl.jsbsim_aircraft import STEP, TURBULENCE_CEILING, JsbsimAircraft, State
+from gcs_sysid.sitl.link import Frame, Transmitter, tlog
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.sensors import Measurement, Noise, Sensors
+from gcs_sysid.sitl.sensors import Measurement, Sensors
 from gcs_sysid.sitl.servo import Actuator, surface, throttle
 from gcs_sysid.sitl.slopes import trim
-
-EPOCH_US = 1_790_000_000_000_000
-"""Wall time at which a recording begins unless its flight says otherwise: 21 September 2026. A
-clock would make every recording another file."""
 
 SETTLE = 8.0
 """Flown before the recording begins, so that the autopilot finds the trim of what really flies [s].
 """
+
+_OUTPUTS = "SERVO_OUTPUT_RAW"
 
 _STATE_COLUMNS = (
     *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
@@ -42,38 +36,6 @@ _STATE_COLUMNS = (
 )
 _COEFFICIENT_COLUMNS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 _ATTITUDE_COLUMNS = ("phi", "theta", "psi")
-
-
-@dataclass(frozen=True)
-class Flight:
-    """One flight to fly.
-
-    Attributes:
-        believed: the aircraft as its file describes it; the autopilot's gains come from it.
-        flown: the aircraft that really flies.
-        legs: the plan.
-        wind: moving air.
-        start: where it begins.
-        noise: of the sensors.
-        link: the radio.
-        seed: of everything random, 0 to 2³¹ - 1.
-        epoch_us: wall time at which the recording begins [µs since 1970].
-    """
-
-    believed: Aircraft
-    flown: Aircraft
-    legs: tuple[Leg, ...]
-    wind: Wind = field(default_factory=Wind)
-    start: Start = field(default_factory=Start)
-    noise: Noise = field(default_factory=Noise)
-    link: Link = field(default_factory=Link)
-    seed: int = 0
-    epoch_us: int = EPOCH_US
-
-    @property
-    def duration(self) -> float:
-        """Length of the recording [s]."""
-        return sum(leg.duration for leg in self.legs)
 
 
 @dataclass(frozen=True)
@@ -108,6 +70,7 @@ def run(
     record: Path,
     truth: Path | None = None,
     truth_rate: int = telemetry.TICK_RATE,
+    told: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Flown:
     """Fly, and write the recording and, where asked, the truth.
@@ -117,6 +80,7 @@ def run(
         record: .tlog to write.
         truth: .npz to write: `rows`, `cols`, `t0_us`; single precision below the full rate.
         truth_rate: rows a second in that file, a divisor of 50.
+        told: written as JSON beside the truth where given: what is hidden, and how large.
         progress: called with the seconds flown, once a second of flight.
 
     Returns:
@@ -129,7 +93,14 @@ def run(
     record.write_bytes(tlog(flown.frames))
     if truth is not None:
         save_truth(flown.truth, truth, rate=truth_rate)
+        if told:
+            beside(truth).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     return flown
+
+
+def beside(truth: Path) -> Path:
+    """Where it is told what is hidden in a flight whose truth is written to `truth`."""
+    return truth.with_suffix(".json")
 
 
 def save_truth(truth: Truth, path: Path, *, rate: int = telemetry.TICK_RATE) -> None:
@@ -197,18 +168,26 @@ class _Vehicle:
             start=replace(flight.start, alpha=level.alpha),
             wind=flight.wind,
             seed=flight.seed,
+            feel=flight.hidden.feel,
+            separation=flight.hidden.separation,
         )
         self._sensors = Sensors(
             flight.flown,
             flight.noise,
             elevation=flight.start.elevation,
             generator=np.random.default_rng(sensors),
+            heading_bias=flight.hidden.heading_bias,
         )
         self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
         pilot = autopilot(flight.believed, flight.start.airspeed)
         level_commands = {pilot.slope.pitch_name: level.control, THROTTLE: level.throttle}
         self._mixer = Mixer(flight.believed)
-        self._actuators = _Actuators(flight.flown, self._mixer.pulses(level_commands))
+        self._actuators = _Actuators(
+            flight.flown,
+            self._mixer.pulses(level_commands),
+            late=max(flight.hidden.delays.get(_OUTPUTS, 0.0), 0.0),
+        )
+        self._delays = _told_late(flight.hidden.delays)
         self._autopilots = {flight.start.airspeed: pilot}
         self._memory = pilot.settled(level)
         self._used = 0.0
@@ -252,7 +231,7 @@ class _Vehicle:
             *_ATTITUDE_COLUMNS,
         )
         truth = Truth(columns, np.array(self._rows), self._flight.epoch_us)
-        return Flown(tuple(self._transmitter.received()), truth, self._transmitter.sent)
+        return Flown(tuple(self._transmitter.arrived()), truth, self._transmitter.sent)
 
     def _command(
         self, measurement: Measurement, leg: Leg, added: Mapping[str, float]
@@ -268,8 +247,8 @@ class _Vehicle:
 
     def _send(self, snapshot: telemetry.Snapshot) -> None:
         vanes = self._flight.flown.vanes is not None
-        for message in telemetry.messages(snapshot, vanes=vanes):
-            self._transmitter.send(message, snapshot.unix_us)
+        for unix_us, message in telemetry.messages(snapshot, vanes=vanes, delays=self._delays):
+            self._transmitter.send(message, unix_us)
 
     def _truth_row(self, tick: int, state: State) -> list[float]:
         return [
@@ -289,10 +268,16 @@ class _Vehicle:
             self._aircraft.advance(self._actuators.controls(), throttles)
 
 
-class _Actuators:
-    """All servos and motors of an aircraft, at rest on `pulses` to begin with."""
+def _told_late(delays: Mapping[str, float]) -> dict[str, float]:
+    """By how much each message is told too late: an output that is early has moved already."""
+    return {name: max(-delay, 0.0) if name == _OUTPUTS else delay for name, delay in delays.items()}
 
-    def __init__(self, aircraft: Aircraft, pulses: Mapping[int, int]) -> None:
+
+class _Actuators:
+    """All servos and motors of an aircraft, at rest on `pulses`; commands arrive `late` [s]."""
+
+    def __init__(self, aircraft: Aircraft, pulses: Mapping[int, int], *, late: float = 0.0) -> None:
+        self._late = late
         self._servos = [
             (servo.channel, servo.surface, surface(servo, start=float(pulses[servo.channel])))
             for servo in aircraft.servos
@@ -308,9 +293,9 @@ class _Actuators:
 
     def command(self, time: float, pulses: Mapping[int, int]) -> None:
         for channel, _, actuator in self._servos:
-            actuator.command(time, float(pulses[channel]))
+            actuator.command(time + self._late, float(pulses[channel]))
         for channel, actuator in self._motors:
-            actuator.command(time, float(pulses[channel]))
+            actuator.command(time + self._late, float(pulses[channel]))
 
     def advance(self, time: float) -> list[float]:
         """Move all to `time` [s]; returns the throttles."""

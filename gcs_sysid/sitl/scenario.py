@@ -9,6 +9,10 @@
     [flown.imu.gyro]
     bias = [0.2, 0.0, 0.0]
 
+    [[effects]]                  # optional: what else nobody is told, as in an effect file
+    name = "cg_shift"
+    cg_x_chord = -0.08
+
     [[flights]]
     name = "first"
     record = "first.tlog"
@@ -26,8 +30,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -37,10 +41,11 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.aircraft_toml.section import Section, describe
 from gcs_sysid.errors import InputError
 from gcs_sysid.sitl import plan
+from gcs_sysid.sitl.effects import catalogue
+from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import KINDS, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.record import Flight
 from gcs_sysid.sitl.telemetry import TICK_RATE
 
 _INPUT_KEYS = ("control", "kind", "start", "duration", "amplitude", "amplitude_deg", "lines")
@@ -48,18 +53,19 @@ _INPUT_KEYS = ("control", "kind", "start", "duration", "amplitude", "amplitude_d
 
 @dataclass(frozen=True)
 class PlannedFlight:
-    """A flight of a scenario, and where its recording and truth belong."""
+    """A flight, where its recording and truth belong, and what scoring may know of it."""
 
     name: str
     flight: Flight
     record: Path
     truth: Path | None = None
     truth_rate: int = TICK_RATE
+    told: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """An aircraft as believed and as flown, and the flights it makes."""
+    """An aircraft as believed and as flown, effects not counted, and the flights it makes."""
 
     name: str
     believed: Aircraft
@@ -74,7 +80,7 @@ def load(path: Path) -> Scenario:
         InputError: the scenario or its aircraft file cannot be used; the message names the key.
     """
     top = Section(str(path), "", _document(path))
-    top.allow_only("schema", "name", "aircraft", "flown", "flights")
+    top.allow_only("schema", "name", "aircraft", "flown", "effects", "flights")
     top.whole("schema", least=1)
     source = path.parent / top.text("aircraft")
     believed = aircraft_file.load(source)
@@ -82,12 +88,25 @@ def load(path: Path) -> Scenario:
     entries = _merged(_document(source), changes.data if changes else {})
     flown = aircraft_file.from_table(entries, name=f"{path}: [flown] over {source.name}")
     flights = top.children("flights", name_key="name")
+    effects = top.children("effects", name_key="name")
+    told = {"flown": changes.data} if changes else {}
     return Scenario(
         name=top.text("name"),
         believed=believed,
         flown=flown,
-        flights=tuple(_flight(entry, path.parent, believed, flown) for entry in flights),
+        flights=tuple(
+            hiding(_flight(entry, path.parent, believed, flown), effects, told) for entry in flights
+        ),
     )
+
+
+def hiding(
+    planned: PlannedFlight, effects: Sequence[Section], more: Mapping[str, Any] | None = None
+) -> PlannedFlight:
+    """The flight with effects hidden in it; `more` is told with the truth."""
+    flight = catalogue.hide(planned.flight, effects)
+    told = catalogue.truth(flight, effects, more or {})
+    return replace(planned, flight=flight, told=told)
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -84,11 +84,19 @@ class Sensors:
         noise: what is random.
         elevation: of home [m above sea level].
         generator: where randomness comes from.
+        heading_bias: indicated less true heading [rad].
     """
 
     def __init__(
-        self, aircraft: Aircraft, noise: Noise, *, elevation: float, generator: np.random.Generator
+        self,
+        aircraft: Aircraft,
+        noise: Noise,
+        *,
+        elevation: float,
+        generator: np.random.Generator,
+        heading_bias: float = 0.0,
     ) -> None:
+        self._heading_bias = heading_bias
         self._aircraft = aircraft
         self._noise = noise
         self._elevation = elevation
@@ -109,7 +117,7 @@ class Sensors:
         attitude = (
             state.phi + tilt[0] + noise.attitude * white[6],
             state.theta + tilt[1] + noise.attitude * white[7],
-            state.psi + heading[0] + noise.attitude * white[8],
+            state.psi + self._heading_bias + heading[0] + noise.attitude * white[8],
         )
         speed, pressure = self._airspeed(state, white[9])
         static = state.pressure + noise.static_pressure * white[10]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -17,6 +17,9 @@ Message = mavlink.MAVLink_message
 
 TICK_RATE = 50
 """Rate of the vehicle's main loop [Hz]; stream rates divide it."""
+
+TICK_US = 1_000_000 // TICK_RATE
+"""Time between two ticks [µs]."""
 
 RATES: Mapping[str, int] = {
     "SYSTEM_TIME": 1,
@@ -58,6 +61,7 @@ class Snapshot:
         pulses: [µs] by output channel.
         throttle: commanded, 0 to 1.
         used: charge taken from the battery [A·h].
+        late: by how much its time stamps are too late [s].
     """
 
     tick: int
@@ -66,11 +70,12 @@ class Snapshot:
     pulses: Mapping[int, int] = field(default_factory=dict)
     throttle: float = 0.0
     used: float = 0.0
+    late: float = 0.0
 
     @property
     def boot_us(self) -> int:
-        """Time since boot [µs]."""
-        return round(BOOT_BEFORE_RECORDING * 1e6) + self.tick * (1_000_000 // TICK_RATE)
+        """Time since boot [µs], as stamped."""
+        return round((BOOT_BEFORE_RECORDING + self.late) * 1e6) + self.tick * TICK_US
 
     @property
     def boot_ms(self) -> int:
@@ -79,8 +84,8 @@ class Snapshot:
 
     @property
     def unix_us(self) -> int:
-        """Wall time [µs since 1970]."""
-        return self.epoch_us + self.tick * (1_000_000 // TICK_RATE)
+        """Wall time [µs since 1970], as stamped."""
+        return self.epoch_us + round(self.late * 1e6) + self.tick * TICK_US
 
 
 def current(throttle: float) -> float:
@@ -88,11 +93,21 @@ def current(throttle: float) -> float:
     return 0.6 + _FULL_CURRENT * throttle**2
 
 
-def messages(snapshot: Snapshot, *, vanes: bool) -> Iterable[Message]:
-    """The messages due at a tick, in the order in which they are sent."""
+def messages(
+    snapshot: Snapshot, *, vanes: bool, delays: Mapping[str, float] | None = None
+) -> Iterable[tuple[int, Message]]:
+    """The messages due at a tick in the order in which they are made, each with its wall time [µs].
+
+    Args:
+        snapshot: of the tick.
+        vanes: whether there are flow angles to tell.
+        delays: what a message type says is told, and stamped, this much too late [s].
+    """
     for name, rate in RATES.items():
         if snapshot.tick % (TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
-            yield _BUILDERS[name](snapshot)
+            late = delays.get(name, 0.0) if delays else 0.0
+            told = replace(snapshot, late=late) if late else snapshot
+            yield told.unix_us, _BUILDERS[name](told)
 
 
 def parameters(aircraft: Aircraft) -> list[Message]:

@@ -26,7 +26,8 @@ def test_it_records_and_tells_the_truth(brief, tmp_path, capsys):
     assert entry.main(["sitl", *arguments, "--truth", str(truth), "--wind", "200", "3"]) == 0
     out = capsys.readouterr().out
     assert "flight: 2 s flown" in out
-    assert out.rstrip().endswith(str(truth))
+    assert out.rstrip().endswith(str(truth.with_suffix(".json")))
+    assert json.loads(truth.with_suffix(".json").read_text())["cause"] == "none"
     assert record.stat().st_size > 10_000
     assert np.load(truth)["rows"].shape[0] == 100
 
@@ -41,6 +42,25 @@ def test_the_seed_is_the_flight(brief, tmp_path, capsys):
         assert flight["received"] <= flight["sent"]
         contents.append(record.read_bytes())
     assert contents[0] == contents[1] != contents[2]
+
+
+def test_effects_are_hidden_and_told_beside_the_truth(brief, tmp_path, capsys):
+    first, second = tmp_path / "one.toml", tmp_path / "two.toml"
+    first.write_text('name = "mass"\nmass_ratio = 1.1\n[truth]\nscenario = "x"\n')
+    second.write_text('[[effects]]\nname = "asymmetry"\nCl0 = 0.01\n')
+    truth = tmp_path / "truth.npz"
+    arguments = ["--aircraft", str(examples.ULTRA_STICK), "--truth", str(truth)]
+    arguments += ["--record", str(tmp_path / "x.tlog"), "--effect", str(first)]
+    assert entry.main(["sitl", *arguments, "--effect", str(second), "--json"]) == 0
+    [flight] = json.loads(capsys.readouterr().out)["flights"]
+    told = json.loads((tmp_path / "truth.json").read_text())
+    assert flight["hidden"] == str(tmp_path / "truth.json")
+    assert told["cause"] == "several"
+    assert told["scenario"] == "x"
+    assert told["effects"] == [
+        {"name": "mass", "parameters": {"mass_ratio": 1.1}},
+        {"name": "asymmetry", "parameters": {"Cl0": 0.01}},
+    ]
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,12 @@ from scipy.optimize import fsolve
 
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import record, scenario
+from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
 from gcs_sysid.sitl.link import Link, tlog
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.record import Flight, Flown
+from gcs_sysid.sitl.record import Flown
 from gcs_sysid.sitl.sensors import Noise
 from gcs_sysid.sitl.telemetry import RATES
 from tests.sitl import examples
@@ -235,7 +236,9 @@ def test_the_bundled_flights_are_what_their_scenario_flies(index, tmp_path):
 def test_bundled_files_are_small():
     sizes = {path.name: path.stat().st_size for path in FLIGHTS.iterdir()}
     assert set(sizes) == {
-        *("demo.tlog", "demo_truth.npz", "demo_second.tlog", "demo_second_truth.npz")
+        f"{flight}{ending}"
+        for flight in ("demo", "demo_second")
+        for ending in (".tlog", "_truth.npz", "_truth.json")
     }
     assert all(size < (3e6 if name.endswith(".tlog") else 1e6) for name, size in sizes.items())
 

@@ -42,7 +42,15 @@ gust = click.option(
     "--truth",
     metavar="FILE.npz",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write what really happened here: rows, cols, t0_us.",
+    help="Write what really happened here: rows, cols, t0_us; what is hidden goes to FILE.json.",
+)
+@click.option(
+    "--effect",
+    "effects",
+    metavar="FILE",
+    type=options.Existing("effect file"),
+    multiple=True,
+    help="Hide in the flight what this file names; may be given several times.",
 )
 @seed
 @wind
@@ -58,6 +66,7 @@ def command(
     aircraft: Path | None,
     record: Path | None,
     truth: Path | None,
+    effects: tuple[Path, ...],
     seed: int,
     wind: tuple[float, float],
     gust: float,
@@ -72,11 +81,11 @@ def command(
     from gcs_sysid.sitl import scenario as scenarios
 
     if scenario is not None:
-        if aircraft is not None or record is not None or truth is not None:
+        if aircraft is not None or record is not None or truth is not None or effects:
             raise UsageError("--scenario says what to fly and where to record it; leave out others")
         flights = scenarios.load(scenario).flights
     else:
-        flights = (_standard(aircraft, record, truth, seed, wind, gust),)
+        flights = (_hiding(_standard(aircraft, record, truth, seed, wind, gust), effects),)
     flown = [_fly(planned) for planned in flights]
     output.show({"flights": flown}, _text(flown), as_json=as_json)
 
@@ -98,7 +107,7 @@ def _standard(
 ) -> PlannedFlight:
     from gcs_sysid import aircraft_file
     from gcs_sysid.sitl import plan, scenario
-    from gcs_sysid.sitl.record import Flight
+    from gcs_sysid.sitl.flight import Flight
     from gcs_sysid.sitl.scenario import PlannedFlight
 
     if aircraft is None or record is None:
@@ -121,6 +130,18 @@ def _standard(
     )
 
 
+def _hiding(planned: PlannedFlight, files: Sequence[Path]) -> PlannedFlight:
+    from gcs_sysid.sitl import scenario
+    from gcs_sysid.sitl.effects import catalogue
+
+    if planned.truth is not None and planned.truth.suffix == ".json":
+        raise UsageError("--truth names a .npz; what is hidden goes to a .json beside it")
+    loaded = [catalogue.load(file) for file in files]
+    entries = [entry for file in loaded for entry in file.effects]
+    more = {key: value for file in loaded for key, value in file.truth.items()}
+    return scenario.hiding(planned, entries, more)
+
+
 def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
     from gcs_sysid.sitl import record
 
@@ -132,12 +153,14 @@ def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
             record=planned.record,
             truth=planned.truth,
             truth_rate=planned.truth_rate,
+            told=planned.told,
             progress=lambda seconds: progress("flying", seconds / duration),
         )
     return {
         "name": planned.name,
         "record": str(planned.record),
         "truth": None if planned.truth is None else str(planned.truth),
+        "hidden": None if planned.truth is None else str(record.beside(planned.truth)),
         "duration_s": duration,
         "sent": flown.sent,
         "received": len(flown.frames),
@@ -149,6 +172,6 @@ def _text(flown: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(
         f"{flight['name']}: {flight['duration_s']:.0f} s flown at {flight['times_real_time']:.0f} "
         f"times real time, {flight['received']} of {flight['sent']} messages received\n"
-        + "\n".join(flight[key] for key in ("record", "truth") if flight[key])
+        + "\n".join(flight[key] for key in ("record", "truth", "hidden") if flight[key])
         for flight in flown
     )
