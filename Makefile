@@ -7,6 +7,9 @@ PIP := PYTHONUNBUFFERED=1 $(BIN)/python -m pip --disable-pip-version-check
 PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflush() } \
 	/^Installing collected/ { print "  installing"; fflush() }'
 
+# Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: setup demo flights test lint format bench results docs lock clean
 
 setup: $(VENV)/.installed

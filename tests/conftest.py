@@ -7,9 +7,13 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import jax
 import pytest
 from hypothesis import settings
+
+# As the program does; see gcs_sysid/cli/numerics.py.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import jax  # noqa: E402 - loads the linear algebra
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 

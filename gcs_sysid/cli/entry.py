@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import click
 
-from gcs_sysid.cli import failures
+from gcs_sysid.cli import failures, numerics
 
 COMMANDS = ("inspect", "identify", "predict", "evaluate", "replay", "sitl")
 
@@ -52,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0 done, 1 the input cannot be used, 2 wrong usage, 130 stopped by the keyboard.
     """
+    numerics.keep_linear_algebra_in_one_thread()
     with failures.reported() as status:
         program.main(
             args=None if arguments is None else list(arguments),

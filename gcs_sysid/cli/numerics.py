@@ -25,6 +25,15 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gcs-sysid"
 
 
+def keep_linear_algebra_in_one_thread() -> None:
+    """Tells the linear algebra library not to use threads; to be called before it is loaded.
+
+    A filter solves thousands of small systems a second: on these, threads wait for each other and
+    make them five times slower (36 unknowns, two cores). Who has set the variable knows better.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def enable() -> None:
     """Switches JAX to float64 and to the cache; JAX's own variable for the cache goes first."""
     import jax

@@ -75,3 +75,23 @@ def test_an_unwritable_cache_does_not_stop_the_work(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
+
+
+def test_linear_algebra_runs_in_one_thread_unless_told_otherwise(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    numerics.keep_linear_algebra_in_one_thread()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "4")
+    numerics.keep_linear_algebra_in_one_thread()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "4"
+
+
+def test_the_choice_is_made_before_linear_algebra_is_loaded():
+    """Loaded first, the library keeps its threads, and smoothing takes five times longer."""
+    code = (
+        "import sys; from gcs_sysid.cli import main; main(['--version']); "
+        "import os; assert os.environ['OPENBLAS_NUM_THREADS'] == '1'; "
+        "assert not {'numpy', 'scipy', 'jax'} & set(sys.modules)"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=60)
