@@ -13,7 +13,7 @@ from hypothesis import settings
 # As the program does; see gcs_sysid/cli/numerics.py.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import jax  # noqa: E402 - loads the linear algebra
+import jax
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
