@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.reconstruct import rates
 
@@ -98,13 +97,14 @@ def _profiles(
             samples.smoothing,
         ).value[rows]
         for name, keys in MOTION.items()
+        if name in samples.measured
     }
-    left = {name: np.full(GRID.size, np.inf) for name in MOMENTS}
+    left = {name: np.full(GRID.size, np.inf) for name in fixed}
     best: dict[str, np.ndarray] = {}
     for index, delay in enumerate(GRID):
         deflections = np.stack(list(controls(float(delay)).values()), axis=1)
         moved = rates.smooth(samples.time, deflections, samples.smoothing).value[rows]
-        for name in MOMENTS:
+        for name in fixed:
             weight = np.median(samples.noise[name][rows]) / samples.noise[name][rows]
             columns = np.concatenate([fixed[name], moved], axis=1) * weight[:, None]
             target = samples.measured[name][rows] * weight
@@ -114,7 +114,7 @@ def _profiles(
             if size < left[name].min():
                 best[name] = residual
             left[name][index] = size
-    return left, {name: _independent(best[name]) for name in MOMENTS}
+    return left, {name: _independent(best[name]) for name in fixed}
 
 
 def _independent(residual: Float[np.ndarray, " sample"]) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft, Propulsion, StreamTiming
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate import coefficients
@@ -38,6 +39,7 @@ class Flight:
 
     Attributes:
         recording: its telemetry.
+        absent: controls whose servo outputs the log lacks.
         segments: its maneuvers.
         airborne: length of wing-borne flight [s].
         reconstruction: states, wind, sensor errors.
@@ -50,6 +52,7 @@ class Flight:
     """
 
     recording: Recording
+    absent: tuple[str, ...]
     segments: tuple[Segment, ...]
     airborne: float
     reconstruction: Reconstruction
@@ -111,12 +114,15 @@ def read(
     data = measurements.select(recording, aircraft, window)
     states = reconstruct(data, aircraft)
     progress("finding the delay of the surfaces", 0.7)
+    absent = _absent(recording, aircraft)
+    flown = without_controls(aircraft, absent)
     refused = {name: why for name, why in needed.usable.items() if why is not None}
     samples, latency = _measured(
-        recording, aircraft, states, refused, delay or _input_rows(states.time, found)
+        recording, flown, states, refused, delay or _input_rows(states.time, found)
     )
     return Flight(
         recording=recording,
+        absent=absent,
         segments=found,
         airborne=float(sum(end - start for start, end in intervals)),
         reconstruction=states,
@@ -141,7 +147,7 @@ def _measured(
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
 
     def deflections(late: float) -> dict[str, Float[np.ndarray, " sample"]]:
-        time, pulses = _pulses(stream, _control_channels(aircraft))
+        time, pulses = _pulses(stream, control_channels(aircraft))
         moved = actuators.controls(aircraft, pulses, time, at=states.time, extra_delay=late)
         return {
             name: np.broadcast_to(np.asarray(value), states.time.shape)
@@ -182,7 +188,35 @@ def _input_rows(
     return inside(inputs if long_enough else segments)
 
 
-def _control_channels(aircraft: Aircraft) -> tuple[int, ...]:
+def _absent(recording: Recording, aircraft: Aircraft) -> tuple[str, ...]:
+    """Controls that need a servo output which the log does not have."""
+    stream = recording.streams[SERVO_STREAM]
+    gone = {servo.surface for servo in aircraft.servos if not stream.has(f"pwm_{servo.channel}")}
+    return tuple(control.name for control in aircraft.controls if gone & set(control.mix))
+
+
+def without_controls(aircraft: Aircraft, names: Collection[str]) -> Aircraft:
+    """The aircraft less some controls and every aerodynamic term that depends on them."""
+    if not names:
+        return aircraft
+    every = aircraft.control_names
+
+    def free(key: str) -> bool:
+        return not set(names) & set(regressors.parse(key, controls=every).variables)
+
+    aerodynamics = {
+        name: replace(
+            model,
+            terms={key: value for key, value in model.terms.items() if free(key)},
+            tables=tuple(table for table in model.tables if all(map(free, table.regressors))),
+        )
+        for name, model in aircraft.aerodynamics.items()
+    }
+    kept = tuple(control for control in aircraft.controls if control.name not in names)
+    return replace(aircraft, controls=kept, aerodynamics=aerodynamics)
+
+
+def control_channels(aircraft: Aircraft) -> tuple[int, ...]:
     """Output channels behind the surfaces that any control mixes."""
     used = {name for control in aircraft.controls for name in control.mix}
     return tuple(servo.channel for servo in aircraft.servos if servo.surface in used)
@@ -201,11 +235,26 @@ def _pulses(
 
 def thrust(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Thrust:
     """Thrust of all engines over a reconstructed flight, as the aircraft file has it."""
-    force = np.zeros((states.time.size, 3))
-    moment = np.zeros((states.time.size, 3))
-    for engine in aircraft.propulsion:
+    engines = [_engine(recording, engine, states) for engine in aircraft.propulsion]
+    return combined_thrust(aircraft, engines, states.time.size)
+
+
+def combined_thrust(
+    aircraft: Aircraft,
+    engines: Sequence[tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]],
+    count: int,
+) -> Thrust:
+    """Force and moment of all engines.
+
+    Args:
+        aircraft: where they are and where they push.
+        engines: thrust [N] and reaction torque [N·m] of each, in the order of the file.
+        count: samples.
+    """
+    force = np.zeros((count, 3))
+    moment = np.zeros((count, 3))
+    for engine, (push, torque) in zip(aircraft.propulsion, engines, strict=True):
         axis = np.array(engine.axis) / np.linalg.norm(engine.axis)
-        push, torque = _engine(recording, engine, states)
         along = push[:, None] * axis
         force += along
         lever = np.array(engine.position) - np.array(aircraft.mass.cg)
@@ -234,7 +283,14 @@ def _engine(
             states.time, np.asarray(stream.time)[good], np.asarray(stream.channels[name])[good]
         )
     else:
-        time, pulses = _pulses(recording.streams[SERVO_STREAM], (engine.throttle_channel,))
+        stream = recording.streams[SERVO_STREAM]
+        if not stream.has(f"pwm_{engine.throttle_channel}"):
+            raise RefusedError(
+                recording.source,
+                f"throttle is not in the log: {SERVO_STREAM} has no servo{engine.throttle_channel}",
+                fix="correct `throttle_channel` in the aircraft file's [propulsion]",
+            )
+        time, pulses = _pulses(stream, (engine.throttle_channel,))
         setting = np.asarray(
             propulsion.throttle(engine, pulses[engine.throttle_channel], time, at=states.time)
         )

@@ -68,6 +68,7 @@ def run(
         raise UsageError("--segments goes with one LOG; give each log its own run, or leave it out")
     described = aircraft_file.load(aircraft)
     flights = _read(logs, described, segments, vehicle, progress)
+    described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
     progress("fitting the model", 0.9)
     believed = _prior(described) if prior == "file" else None
