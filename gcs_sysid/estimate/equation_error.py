@@ -26,6 +26,9 @@ from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 from gcs_sysid.reconstruct import rates
 
 MOST_ERROR = 0.9
+LEAST_RANK = 1e-10
+"""Directions of XᵀX, columns scaled to one, that hold less than this of the largest are unseen."""
+UNKNOWN = 1e3
 LONGEST_LAG = 3.0
 """Residuals further apart than this [s] are taken as independent."""
 
@@ -142,7 +145,7 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     columns = problem.columns * root[:, None]
     measured = problem.measured * root
     information = columns.T @ columns
-    inverse = np.linalg.pinv(information, hermitian=True)
+    inverse, unseen = _inverse(information, measured)
     value = inverse @ (columns.T @ measured)
     residual = measured - columns @ value
     count, terms = columns.shape
@@ -151,9 +154,11 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     white = inverse * float(residual @ residual) / max(count - terms, 1)
     effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
     scale = inverse @ effect
-    bent = pull(_errors(problem, root), information, value)
+    bent = pull(
+        _errors(problem, root), information, value, float(np.linalg.norm(residual))
+    )
     parts = {
-        "noise": coloured,
+        "noise": coloured + unseen @ unseen.T,
         "scale": scale @ scale.T,
         "regressor": bent @ bent.T,
     }
@@ -180,6 +185,24 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         samples=count,
         effective_samples=_effective(count, white, coloured),
     )
+
+
+def _inverse(
+    information: Float[np.ndarray, "term term"], measured: Float[np.ndarray, " sample"]
+) -> tuple[Float[np.ndarray, "term term"], Float[np.ndarray, "term direction"]]:
+    """Inverse of XᵀX on what the columns span, and one standard deviation along what they do not.
+
+    A regressor that never moved, or moved as another did, leaves a direction about which the flight
+    says nothing: its standard deviation is `UNKNOWN` times what would make the whole coefficient.
+    """
+    norm = np.sqrt(np.diagonal(information))
+    # A column of zeros has no size of its own: one of the regressor's unit stands in.
+    scale = 1.0 / np.where(norm > 0.0, norm, np.sqrt(measured.size))
+    roots, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    directions = scale[:, None] * vectors
+    seen = roots > LEAST_RANK * roots.max()
+    inverse = (directions[:, seen] / roots[seen]) @ directions[:, seen].T
+    return inverse, directions[:, ~seen] * UNKNOWN * np.linalg.norm(measured)
 
 
 def _score_covariance(
@@ -231,13 +254,16 @@ def pull(
     error: Float[np.ndarray, "term term"],
     information: Float[np.ndarray, "term term"],
     value: Float[np.ndarray, " term"],
+    left: float,
 ) -> Float[np.ndarray, "term direction"]:
     """How far errors of the regressors may have moved the estimate, one column a direction.
 
     Were the errors independent of the true regressors, the true values would be
     (XᵀX − Σ_e)⁻¹ Xᵀy, Σ_e being the errors' covariance summed over the samples. In directions in
     which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
-    there: the flight then says next to nothing about them.
+    there: the flight then says next to nothing about them. What the fit leaves (`left`, the
+    length of the residual) may be the part of a direction that its errors hide, so it counts
+    where it is longer than what the direction was seen to contribute.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     balanced = information * np.outer(scale, scale)
@@ -246,7 +272,7 @@ def pull(
     share, turn = np.linalg.eigh(half.T @ (error * np.outer(scale, scale)) @ half)
     basis = half @ turn
     share = np.clip(share, 0.0, MOST_ERROR)
-    along = basis.T @ (balanced @ (value / scale))
+    along = np.maximum(np.abs(basis.T @ (balanced @ (value / scale))), left)
     return scale[:, None] * basis * (share / (1.0 - share) * along)
 
 

@@ -54,6 +54,11 @@ def _reason(fit: CoefficientFit, index: int, parts: dict[str, float]) -> str:
         other, correlation = partner
         return f"{key} moved together with {other} (correlation {correlation:+.2f})"
     if key == regressors.CONSTANT:
+        still = (fit.highest - fit.lowest <= 1e-9 * np.abs(fit.lowest)) & (fit.lowest != 0.0)
+        still[index] = False
+        if still.any():
+            held = " and ".join(np.array(fit.keys)[still])
+            return f"{held} did not move and cannot be told from the constant"
         return "too short a time for a constant in residuals this slow"
     if fit.excitation[index] < FEEBLE:
         return f"{key} hardly moved: {100.0 * fit.excitation[index]:.0f} % of the variation"
