@@ -29,23 +29,25 @@ def cannot_tell(
     refused: Mapping[str, str],
     controls: Sequence[str],
 ) -> list[dict[str, str]]:
-    """Every derivative the flight left open, with the reason and a maneuver; refusals first."""
-    out = [
-        {"what": name, "why": reason, "fly": "record what is missing and fly the same again"}
-        for name, reason in refused.items()
-    ]
+    """What the flight left open, with the reason and a maneuver; refusals first.
+
+    Derivatives with the same reason and remedy share an entry.
+    """
+    again = "record what is missing and fly the same again"
+    found = [(name, reason, again) for name, reason in refused.items()]
     for answer in ("no", "weak"):
-        for name, terms in derivatives.items():
-            for key, entry in terms.items():
-                if entry["verdict"] == answer and key != regressors.CONSTANT:
-                    out.append(
-                        {
-                            "what": f"{name}_{key}",
-                            "why": entry["reason"],
-                            "fly": _maneuver(key, entry["reason"], controls),
-                        }
-                    )
-    return out
+        found += [
+            (f"{name}_{key}", entry["reason"], _maneuver(key, entry["reason"], controls))
+            for name, terms in derivatives.items()
+            for key, entry in terms.items()
+            if entry["verdict"] == answer and key != regressors.CONSTANT
+        ]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for what, why, fly in found:
+        alike.setdefault((why, fly), []).append(what)
+    return [
+        {"what": ", ".join(names), "why": why, "fly": fly} for (why, fly), names in alike.items()
+    ]
 
 
 def _maneuver(key: str, reason: str, controls: Sequence[str]) -> str:
