@@ -32,7 +32,7 @@ log = click.argument("log", type=Existing("log"))
 logs = click.argument("logs", type=Existing("log"), nargs=-1, required=True)
 model = click.option(
     "--model", "model", metavar="DIR", type=Existing("folder"), required=True,
-    help="Model to use: the folder model/ that identify wrote.",
+    help="Model to use: what identify wrote, or model/ in it.",
 )  # fmt: skip
 segments = click.option(
     "--segments", metavar="FILE", type=Existing("file"),

@@ -17,6 +17,9 @@ SUMMARY = {
     "flights": [{"source": "flight.tlog", "airborne_s": 60.0}],
     "maneuvers": [],
     "coefficients": {},
+    "rows": 3,
+    "extrapolated": 1,
+    "file": "flown.csv",
 }
 
 
@@ -87,7 +90,7 @@ def test_evaluate(calls, capsys):
     assert entry.main(["evaluate", "--model", "model", "--at", "points.csv"]) == 0
     [(_, args, _)] = calls
     assert args == (Path("model"), Path("points.csv"), Path("points-evaluate.csv"))
-    assert capsys.readouterr().out == "points-evaluate.csv\n"
+    assert capsys.readouterr().out == "3 rows, 1 of them outside what was flown\nflown.csv\n"
 
 
 def test_evaluate_does_not_overwrite_what_it_reads(calls, capsys):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -39,4 +41,10 @@ def command(model: Path, at: Path, out: Path | None, as_json: bool) -> None:
     if destination.resolve() == at.resolve():
         raise InputError(str(at), "is both read and written", fix="name another file with --out")
     document = evaluate.run(model, at, destination)
-    output.show(document, str(destination), as_json=as_json)
+    output.show(document, _text(document), as_json=as_json)
+
+
+def _text(document: Mapping[str, Any]) -> str:
+    outside = document["extrapolated"]
+    warning = f", {outside} of them outside what was flown" if outside else ""
+    return f"{document['rows']} rows{warning}\n{document['file']}"
