@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,20 +81,29 @@ class Autopilot:
         """
         speed = max(sensed.airspeed, 0.6 * leg.airspeed)
         theta, integral_theta = self._climb(memory.theta, sensed, leg, speed)
-        pitch, integral_pitch = self._pitch(memory.pitch, sensed, theta, speed)
-        roll, integral_roll = self._roll(memory.roll, sensed, _bank(sensed, leg))
         throttle, integral_thrust = self._throttle(memory.thrust, sensed, leg)
+        commands, memory = self.attitude(memory, sensed, theta=theta, bank=_bank(sensed, leg))
+        return commands | {THROTTLE: throttle}, replace(
+            memory, theta=integral_theta, thrust=integral_thrust
+        )
+
+    def attitude(
+        self, memory: Memory, sensed: Sensed, *, theta: float, bank: float
+    ) -> tuple[dict[str, float], Memory]:
+        """One run of the inner loops, towards an attitude [rad]: controls and integrators."""
+        speed = max(sensed.airspeed, 0.6 * self.slope.airspeed)
+        pitch, integral_pitch = self._pitch(memory.pitch, sensed, theta, speed)
+        roll, integral_roll = self._roll(memory.roll, sensed, bank)
         stiffness = (self.slope.airspeed / speed) ** 2
         commands = {
             self.slope.pitch_name: pitch * stiffness / self.slope.pitch_control,
             self.slope.roll_name: roll * stiffness / self.slope.roll_control,
-            THROTTLE: throttle,
         }
         if self.slope.yaw_name is not None:
             coordinated = GRAVITY / speed * math.sin(sensed.phi) * math.cos(sensed.theta)
             yaw = 0.5 * _RATE * self.bandwidth * (coordinated - sensed.r)
             commands[self.slope.yaw_name] = yaw * stiffness / self.slope.yaw_control
-        return commands, Memory(integral_pitch, integral_roll, integral_theta, integral_thrust)
+        return commands, replace(memory, pitch=integral_pitch, roll=integral_roll)
 
     def _climb(
         self, integral: float, sensed: Sensed, leg: Leg, speed: float

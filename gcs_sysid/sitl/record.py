@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import telemetry
-from gcs_sysid.sitl.autopilot import PERIOD, Mixer, autopilot
+from gcs_sysid.sitl.autopilot import PERIOD, autopilot
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, signal
-from gcs_sysid.sitl.jsbsim_aircraft import STEP, TURBULENCE_CEILING, JsbsimAircraft, State
+from gcs_sysid.sitl.jsbsim_aircraft import TURBULENCE_CEILING, State
 from gcs_sysid.sitl.link import Frame, Transmitter, tlog
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.sensors import Measurement, Sensors
-from gcs_sysid.sitl.servo import Actuator, surface, throttle
+from gcs_sysid.sitl.sensors import Measurement
 from gcs_sysid.sitl.slopes import trim
+from gcs_sysid.sitl.vehicle import Vehicle, told_late
 
 SETTLE = 8.0
 """Flown before the recording begins, so that the autopilot finds the trim of what really flies [s].
 """
-
-_OUTPUTS = "SERVO_OUTPUT_RAW"
 
 _STATE_COLUMNS = (
     *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
@@ -119,23 +116,23 @@ def save_truth(truth: Truth, path: Path, *, rate: int = telemetry.TICK_RATE) -> 
 def fly(flight: Flight, *, progress: Callable[[float], None] | None = None) -> Flown:
     """Fly a flight in memory; see `run`."""
     _check(flight)
-    vehicle = _Vehicle(flight)
+    recorder = _Recorder(flight)
     for tick in range(-round(SETTLE / PERIOD), 0):
-        vehicle.tick(tick, flight.legs[0], {})
-    vehicle.connect()
+        recorder.tick(tick, flight.legs[0], {})
+    recorder.connect()
     tick = 0
     for leg in flight.legs:
-        vehicle.announce(leg, tick)
+        recorder.announce(leg, tick)
         tests = [(test.control, signal(test)) for test in leg.inputs]
         for i in range(round(leg.duration / PERIOD)):
             added: dict[str, float] = {}
             for control, value in tests:
                 added[control] = added.get(control, 0.0) + value(i * PERIOD)
-            vehicle.tick(tick, leg, added)
+            recorder.tick(tick, leg, added)
             tick += 1
             if progress is not None and tick % telemetry.TICK_RATE == 0:
                 progress(tick * PERIOD)
-    return vehicle.flown()
+    return recorder.flown()
 
 
 def _check(flight: Flight) -> None:
@@ -156,49 +153,26 @@ def _check(flight: Flight) -> None:
         )
 
 
-class _Vehicle:
-    """Aircraft, sensors, autopilot and radio, run together tick by tick."""
+class _Recorder:
+    """Vehicle, autopilot and radio, run together tick by tick."""
 
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
         sensors, link = np.random.SeedSequence(flight.seed).spawn(2)
-        level = trim(flight.believed, flight.start.airspeed)
-        self._aircraft = JsbsimAircraft(
-            flight.flown,
-            start=replace(flight.start, alpha=level.alpha),
-            wind=flight.wind,
-            seed=flight.seed,
-            feel=flight.hidden.feel,
-            separation=flight.hidden.separation,
-        )
-        self._sensors = Sensors(
-            flight.flown,
-            flight.noise,
-            elevation=flight.start.elevation,
-            generator=np.random.default_rng(sensors),
-            heading_bias=flight.hidden.heading_bias,
-        )
+        self._vehicle = Vehicle(flight, generator=np.random.default_rng(sensors))
         self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
+        self._delays = told_late(flight.hidden.delays)
         pilot = autopilot(flight.believed, flight.start.airspeed)
-        level_commands = {pilot.slope.pitch_name: level.control, THROTTLE: level.throttle}
-        self._mixer = Mixer(flight.believed)
-        self._actuators = _Actuators(
-            flight.flown,
-            self._mixer.pulses(level_commands),
-            late=max(flight.hidden.delays.get(_OUTPUTS, 0.0), 0.0),
-        )
-        self._delays = _told_late(flight.hidden.delays)
         self._autopilots = {flight.start.airspeed: pilot}
-        self._memory = pilot.settled(level)
+        self._memory = pilot.settled(trim(flight.believed, flight.start.airspeed))
         self._used = 0.0
         self._rows: list[list[float]] = []
 
     def tick(self, tick: int, leg: Leg, added: Mapping[str, float]) -> None:
         """Sense, command, send, then move on by one period."""
-        state = self._aircraft.state()
-        measurement = self._sensors.measure(state)
+        state, measurement = self._vehicle.sense()
         commands = self._command(measurement, leg, added)
-        pulses = self._mixer.pulses(commands)
+        pulses = self._vehicle.mixer.pulses(commands)
         power = min(max(commands[THROTTLE], 0.0), 1.0)
         self._used += telemetry.current(power) * PERIOD / 3600.0
         if tick >= 0:
@@ -208,7 +182,7 @@ class _Vehicle:
                     tick, self._flight.epoch_us, measurement, pulses, power, self._used
                 )
             )
-        self._move(pulses)
+        self._vehicle.move(pulses)
 
     def connect(self) -> None:
         """Send what a ground station asks for when it connects."""
@@ -254,56 +228,8 @@ class _Vehicle:
         return [
             tick * PERIOD,
             *(getattr(state, name) for name in _STATE_COLUMNS),
-            sum(self._aircraft.thrusts()),
+            self._vehicle.thrust(),
             *(getattr(state, name) for name in _COEFFICIENT_COLUMNS),
-            *self._actuators.controls().values(),
+            *self._vehicle.controls().values(),
             *(getattr(state, name) for name in _ATTITUDE_COLUMNS),
         ]
-
-    def _move(self, pulses: Mapping[int, int]) -> None:
-        now = self._aircraft.time
-        self._actuators.command(now, pulses)
-        for step in range(1, round(PERIOD / STEP) + 1):
-            throttles = self._actuators.advance(now + step * STEP)
-            self._aircraft.advance(self._actuators.controls(), throttles)
-
-
-def _told_late(delays: Mapping[str, float]) -> dict[str, float]:
-    """By how much each message is told too late: an output that is early has moved already."""
-    return {name: max(-delay, 0.0) if name == _OUTPUTS else delay for name, delay in delays.items()}
-
-
-class _Actuators:
-    """All servos and motors of an aircraft, at rest on `pulses`; commands arrive `late` [s]."""
-
-    def __init__(self, aircraft: Aircraft, pulses: Mapping[int, int], *, late: float = 0.0) -> None:
-        self._late = late
-        self._servos = [
-            (servo.channel, servo.surface, surface(servo, start=float(pulses[servo.channel])))
-            for servo in aircraft.servos
-        ]
-        self._motors: list[tuple[int, Actuator]] = [
-            (
-                thruster.throttle_channel,
-                throttle(thruster, start=float(pulses[thruster.throttle_channel])),
-            )
-            for thruster in aircraft.propulsion
-        ]
-        self._mix = [(control.name, tuple(control.mix.items())) for control in aircraft.controls]
-
-    def command(self, time: float, pulses: Mapping[int, int]) -> None:
-        for channel, _, actuator in self._servos:
-            actuator.command(time + self._late, float(pulses[channel]))
-        for channel, actuator in self._motors:
-            actuator.command(time + self._late, float(pulses[channel]))
-
-    def advance(self, time: float) -> list[float]:
-        """Move all to `time` [s]; returns the throttles."""
-        for _, _, actuator in self._servos:
-            actuator.advance(time)
-        return [actuator.advance(time) for _, actuator in self._motors]
-
-    def controls(self) -> dict[str, float]:
-        """Where the controls stand [rad]."""
-        at = {name: actuator.position for _, name, actuator in self._servos}
-        return {name: sum(gain * at[surface] for surface, gain in mix) for name, mix in self._mix}

@@ -112,6 +112,17 @@ def messages(
 
 def parameters(aircraft: Aircraft) -> list[Message]:
     """What a ground station downloads on connection: the parameters that describe the outputs."""
+    values = output_parameters(aircraft)
+    return [
+        mavlink.MAVLink_param_value_message(
+            name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, len(values), index
+        )
+        for index, (name, value) in enumerate(values.items())
+    ]
+
+
+def output_parameters(aircraft: Aircraft) -> dict[str, float]:
+    """Parameters that describe the outputs, by ArduPlane's names."""
     values: dict[str, float] = {"SYSID_THISMAV": 1.0, "ARSPD_USE": 1.0}
     for servo in aircraft.servos:
         word = servo.surface.split("_", maxsplit=1)[0]
@@ -121,12 +132,7 @@ def parameters(aircraft: Aircraft) -> list[Message]:
     for thruster in aircraft.propulsion:
         channel, pwm = thruster.throttle_channel, thruster.pwm
         values |= _output_parameters(channel, pwm, _THROTTLE_FUNCTION, pwm[0])
-    return [
-        mavlink.MAVLink_param_value_message(
-            name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, len(values), index
-        )
-        for index, (name, value) in enumerate(values.items())
-    ]
+    return values
 
 
 def text(content: str) -> Message:
