@@ -14,7 +14,7 @@ import click
 
 from gcs_sysid.cli import failures, numerics
 
-COMMANDS = ("inspect", "identify", "predict", "evaluate", "replay", "sitl")
+COMMANDS = ("inspect", "identify", "predict", "evaluate", "listen", "replay", "sitl")
 
 
 class Program(click.Group):

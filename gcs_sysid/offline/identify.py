@@ -71,7 +71,7 @@ def run(
     described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
     progress("fitting the model", 0.9)
-    believed = _prior(described) if prior == "file" else None
+    believed = file_prior(described) if prior == "file" else None
     structure = _structure(flights, described, by_data=stepwise)
     kept, held_out = split([item for one in flights for item in one.segments])
     scored = _fit(flights, described, structure, kept, believed)
@@ -125,7 +125,7 @@ def _read(
     return flights
 
 
-def _prior(aircraft: Aircraft) -> dict[str, Prior]:
+def file_prior(aircraft: Aircraft) -> dict[str, Prior]:
     """The file's aerodynamics as values believed beforehand."""
     return {
         name: Prior(

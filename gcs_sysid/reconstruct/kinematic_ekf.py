@@ -139,13 +139,9 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
             )
         )
         self.nis = nis
+        self.R = np.diag(variance)
         before = self.x
-        self.update(
-            residual,
-            HJacobian=lambda _: jacobian,
-            Hx=lambda _: np.zeros(ROWS),
-            R=np.diag(variance),
-        )
+        self.update(residual, HJacobian=lambda _: jacobian, Hx=lambda _: np.zeros(ROWS))
         folded = fold(
             State(jnp.asarray(self.attitude), jnp.asarray(before)), jnp.asarray(self.x - before)
         )

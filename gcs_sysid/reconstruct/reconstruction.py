@@ -265,8 +265,13 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
         vertical = UNSEEN_VERTICAL_GUST * level
     return noise._replace(
         measured=jnp.asarray(np.maximum(measured, MEASURED_FLOOR)),
-        gust=jnp.asarray(np.clip(np.array([level, level, vertical]), 0.1, 6.0)),
+        gust=jnp.asarray(gust_intensities(level, vertical)),
     )
+
+
+def gust_intensities(level: float, vertical: float) -> Float[np.ndarray, " axis"]:
+    """Standard deviation of the gust toward north, east, down [m/s], within what is credible."""
+    return np.clip(np.array([level, level, vertical]), 0.1, 6.0)
 
 
 def _described(

@@ -200,6 +200,11 @@ class Mailbox:
             self._news.notify_all()
 
     @property
+    def empty(self) -> bool:
+        """Whether no chunk waits to be taken."""
+        return not self._chunks
+
+    @property
     def closed(self) -> bool:
         """Whether nothing more will come (some may still wait to be taken)."""
         return self._closed

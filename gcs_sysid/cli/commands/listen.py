@@ -1,0 +1,130 @@
+"""`listen`: a live link recorded, reconstructed while it goes on, and identified at its end."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from gcs_sysid.cli import live_view, numerics, options, output, reports
+from gcs_sysid.errors import InputError
+
+WRITES = ("model", "summary.json", "samples.parquet", "report.html", "live.json")
+
+
+@click.command("listen")
+@click.argument("link")
+@options.aircraft()
+@click.option(
+    "--prior",
+    type=click.Choice(["file", "none"]),
+    default="file",
+    show_default=True,
+    help="Start from the aircraft file's aerodynamics, or ignore them.",
+)
+@click.option(
+    "--quiet-after", metavar="S", type=click.FloatRange(min=0.0, min_open=True), default=10.0,
+    show_default=True, help="The flight is over when the link was silent for so many seconds.",
+)  # fmt: skip
+@click.option("--resume", is_flag=True, help="Continue the recording that the folder holds.")
+@options.vehicle
+@click.option(
+    "--out", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the results; ./listen-DATE-TIME unless given.",
+)  # fmt: skip
+@options.as_json
+def command(
+    link: str,
+    aircraft: Path,
+    prior: Literal["file", "none"],
+    quiet_after: float,
+    resume: bool,
+    vehicle: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Listen to a live LINK: record it, and learn while it flies.
+
+    LINK is udp:HOST:PORT, tcp:HOST:PORT, or a serial device as /dev/ttyUSB0,57600. Every frame goes
+    to recording.tlog at once; states, coefficients and a first model are shown once a second and
+    written to live.json. When the link falls quiet, or at Ctrl-C, the recording is identified.
+    """
+    from gcs_sysid.live import listen
+
+    numerics.enable()
+    begun = datetime.now(UTC)
+    chosen = out if out is not None else Path(f"listen-{begun:%Y%m%d-%H%M%S}")
+    loaded = listen.load(aircraft)
+    with output.folder(chosen, Path(link), "listen", WRITES) as destination:
+        with _stopping() as stopped, live_view.opened(to_stderr=as_json) as show:
+            ending = listen.run(
+                link,
+                loaded,
+                prior=prior,
+                vehicle=vehicle,
+                quiet_after=quiet_after,
+                resume=resume,
+                out=destination,
+                show=show,
+                stopped=stopped,
+            )
+        live_view.say(f"{_why(ending)}; recorded to {ending.recording}", to_stderr=as_json)
+        with output.progress(f"identify {ending.recording.name}") as progress:
+            summary = _identified(ending, aircraft, prior, vehicle, destination, progress)
+        text = reports.write("identify", summary, destination / "samples.parquet")
+    output.show(summary, text, as_json=as_json)
+
+
+def _why(ending: Any) -> str:
+    words = {
+        "quiet": "The link fell quiet",
+        "stopped": "Stopped",
+        "closed": f"The link ended ({ending.note})" if ending.note else "The link ended",
+    }
+    return words[ending.why]
+
+
+def _identified(
+    ending: Any,
+    aircraft: Path,
+    prior: Literal["file", "none"],
+    vehicle: int | None,
+    out: Path,
+    progress: output.Progress,
+) -> dict[str, Any]:
+    """The summary; where the flight cannot be identified, what was kept is said with the reason."""
+    from gcs_sysid.live import listen
+
+    try:
+        return listen.identified(
+            ending, aircraft, prior=prior, vehicle=vehicle, out=out, progress=progress
+        )
+    except InputError as error:
+        raise InputError(
+            error.where,
+            f"recorded, but not identified: {error.what}",
+            fix=error.fix,
+        ) from error
+
+
+@contextmanager
+def _stopping() -> Generator[Callable[[], bool], None, None]:
+    """Lets Ctrl-C and SIGTERM end the listening, not the program; afterwards they end that too."""
+    asked = threading.Event()
+
+    def ask(_signal: int, _frame: object) -> None:
+        asked.set()
+
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, ask) for number in signals}
+    try:
+        yield asked.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

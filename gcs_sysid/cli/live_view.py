@@ -1,0 +1,145 @@
+"""What listening shows: a table that renews itself on a terminal, else one line a second."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+Document = Mapping[str, Any]
+
+ANGLES = ("alpha", "beta", "roll", "pitch", "yaw")
+LABELS = {
+    "V": "airspeed",
+    "wind_north": "wind north",
+    "wind_east": "wind east",
+    "wind_down": "wind down",
+}
+BAND = 1.96
+"""Standard deviations of the interval shown: 95 %."""
+
+
+@contextmanager
+def opened(*, to_stderr: bool) -> Generator[Callable[[Document], None], None, None]:
+    """A place to show live documents; yields what shows one."""
+    stream = sys.stderr if to_stderr else sys.stdout
+    if not stream.isatty():
+        yield lambda document: click.echo(line(document), file=stream)
+        return
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(file=stream)
+    with Live(console=console, auto_refresh=False, transient=False) as live:
+        yield lambda document: live.update(table(document), refresh=True)
+
+
+def say(text: str, *, to_stderr: bool) -> None:
+    """One line beside the live documents."""
+    click.echo(text, err=to_stderr)
+
+
+def line(document: Document) -> str:
+    """The newest state, coefficients and counts in one line, intervals of 95 %."""
+    parts = [document["phase"]]
+    state = document["state"]
+    if state:
+        parts += [_state(name, state[name]) for name in ("V", "alpha", "beta")]
+        parts.append(f"wind {_wind(state)}")
+        parts += [
+            f"{name} {_number(item['value'], BAND * item['sd'])}"
+            for name, item in document["coefficients"].items()
+        ]
+    parts.append(_counts(document))
+    return " | ".join(parts)
+
+
+def _state(name: str, item: Mapping[str, float]) -> str:
+    label = LABELS.get(name, name)
+    if name in ANGLES:
+        value, band = math.degrees(item["value"]), math.degrees(BAND * item["sd"])
+        return f"{label} {value:.1f} ± {band:.1f}°"
+    return f"{label} {item['value']:.1f} ± {BAND * item['sd']:.1f} m/s"
+
+
+def _wind(state: Mapping[str, Mapping[str, float]]) -> str:
+    """Horizontal wind as a pilot says it: where it comes from, and how fast."""
+    north, east = state["wind_north"]["value"], state["wind_east"]["value"]
+    speed = math.hypot(north, east)
+    along = math.hypot(north * state["wind_north"]["sd"], east * state["wind_east"]["sd"])
+    band = BAND * along / max(speed, 1e-6)
+    origin = math.degrees(math.atan2(-east, -north)) % 360.0
+    return f"{speed:.1f} ± {band:.1f} m/s from {origin:03.0f}°"
+
+
+def _number(value: float, band: float) -> str:
+    """A value with as many digits as its interval leaves."""
+    if not (math.isfinite(value) and math.isfinite(band)) or band <= 0.0:
+        return f"{value:.4g}"
+    digits = min(max(1 - math.floor(math.log10(band)), 0), 6)
+    return f"{value:.{digits}f} ± {band:.{digits}f}"
+
+
+def _counts(document: Document) -> str:
+    counts, latency = document["counts"], document["latency"]["packet_to_update"]
+    lost = sum(counts["lost"].values())
+    text = f"{counts['recorded']} frames, {counts['updates']} updates"
+    text += f", {counts['decimated']} decimated, {counts['late']} late, {lost} lost"
+    if latency["p50_ms"] is not None:
+        text += f", latency {latency['p50_ms']:.0f}/{latency['p99_ms']:.0f} ms"
+    return text
+
+
+def table(document: Document) -> Any:
+    """The whole document as a rich table."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    head = Text(f"{document['aircraft']}  {document['link']}  {document['phase']}", style="bold")
+    pieces: list[Any] = [head]
+    if document["state"]:
+        pieces.append(
+            Text(
+                "  ".join(
+                    _state(name, document["state"][name])
+                    for name in ("V", "alpha", "beta", "roll", "pitch", "yaw")
+                )
+            )
+        )
+        down = document["state"]["wind_down"]
+        pieces.append(
+            Text(
+                f"wind {_wind(document['state'])}, up "
+                f"{-down['value']:.1f} ± {BAND * down['sd']:.1f} m/s"
+            )
+        )
+    if document["coefficients"]:
+        grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        grid.add_column("")
+        grid.add_column("measured ± 95 %")
+        grid.add_column("first model: derivatives ± 95 %")
+        for name, item in document["coefficients"].items():
+            terms = document["derivatives"].get(name, {})
+            words = "   ".join(
+                f"{key} {_number(term['value'], BAND * term['sd'])}" for key, term in terms.items()
+            )
+            measured = _number(item["value"], BAND * item["sd"])
+            grid.add_row(name, measured, words or "collecting")
+        pieces.append(grid)
+    others = document["other_vehicles"]
+    if others:
+        heard = ", ".join(map(str, others))
+        pieces.append(
+            Text(
+                f"vehicle {document['vehicle']} is followed; {heard} heard too "
+                "(--vehicle N chooses)",
+                style="yellow",
+            )
+        )
+    pieces.append(Text(_counts(document), style="dim"))
+    return Group(*pieces)

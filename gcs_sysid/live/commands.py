@@ -1,0 +1,153 @@
+"""What the autopilot commands, as deflections and thrust on the filter's clock.
+
+The newest commands are kept in memory of fixed size, and what the surfaces and engines make of them
+is computed by functions of fixed shapes, compiled once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft, Propulsion, StreamTiming
+from gcs_sysid.estimate.coefficients import Thrust
+from gcs_sysid.frames import Array
+from gcs_sysid.live.choice import measured
+from gcs_sysid.live.ring import Ring
+from gcs_sysid.model import actuators, propulsion
+from gcs_sysid.offline.flight import (
+    RPM_STREAMS,
+    SERVO_STREAM,
+    combined_thrust,
+    control_channels,
+)
+from gcs_sysid.sources.samples import Sample
+
+HISTORY = 512
+"""Commands kept: ten seconds at 50 Hz."""
+
+
+class CommandMaps:
+    """What surfaces and engines make of commands: functions of fixed shapes, compiled once.
+
+    Args:
+        aircraft: its servos, controls and engines.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._delay = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+        self.deflect = jax.jit(self._deflections)
+        self.push = jax.jit(self._pushes)
+
+    def _deflections(
+        self,
+        time: Float[Array, " command"],
+        pulses: Mapping[int, Array],
+        at: Float[Array, " sample"],
+    ) -> dict[str, Array]:
+        return actuators.controls(self._aircraft, pulses, time, at=at, extra_delay=self._delay)
+
+    def _pushes(
+        self,
+        time: Float[Array, " command"],
+        pulses: Mapping[int, Array],
+        speeds: Mapping[int, Array],
+        at: Float[Array, " sample"],
+        airspeed: Float[Array, " sample"],
+        density: Float[Array, " sample"],
+    ) -> list[tuple[Array, Array]]:
+        def setting(engine: Propulsion) -> Array:
+            channel = engine.throttle_channel
+            if engine.rpm is not None:
+                return speeds[channel]
+            return propulsion.throttle(engine, pulses[channel], time, at=at)
+
+        return [
+            (
+                propulsion.static_thrust(engine, setting(engine), airspeed, density),
+                propulsion.static_torque(engine, setting(engine), airspeed, density),
+            )
+            for engine in self._aircraft.propulsion
+        ]
+
+
+class Commands:
+    """The newest commands of one aircraft.
+
+    Args:
+        aircraft: its servos, controls and engines.
+        maps: of the same aircraft.
+    """
+
+    def __init__(self, aircraft: Aircraft, maps: CommandMaps) -> None:
+        self._aircraft = aircraft
+        self._maps = maps
+        throttles = [item.throttle_channel for item in aircraft.propulsion if item.rpm is None]
+        self._channels = tuple(dict.fromkeys((*control_channels(aircraft), *throttles)))
+        self._names = tuple(f"pwm_{channel}" for channel in self._channels)
+        self._servos = Ring(HISTORY, 1 + len(self._channels))
+        self._speeds = {
+            engine.throttle_channel: Ring(HISTORY, 2)
+            for engine in aircraft.propulsion
+            if engine.rpm is not None
+        }
+
+    @property
+    def missing(self) -> str | None:
+        """Why there are no deflections or no thrust; None when there are."""
+        if self._channels and not self._servos.added:
+            return f"{SERVO_STREAM} with channels {', '.join(map(str, self._channels))}"
+        silent = [str(channel) for channel, ring in self._speeds.items() if not ring.added]
+        return f"RPM of motor {', '.join(silent)}" if silent else None
+
+    def take(self, sample: Sample, time: float) -> None:
+        """Keeps a command, or a motor's speed; other samples are passed over."""
+        if sample.stream == SERVO_STREAM and measured(sample, self._names):
+            values = [sample.channels[name] for name in self._names]
+            self._servos.add(np.array([time, *values]))
+        elif sample.stream in RPM_STREAMS:
+            for channel, ring in self._speeds.items():
+                name = f"rpm_{channel}" if f"rpm_{channel}" in sample.channels else "rpm_1"
+                if measured(sample, (name,)):
+                    ring.add(np.array([time, sample.channels[name]]))
+
+    def controls(self, at: Float[np.ndarray, " sample"]) -> dict[str, Float[np.ndarray, " sample"]]:
+        """Deflections as the air feels them [rad]; `at` always of the same length."""
+        if not self._channels:
+            return {}
+        moved = self._maps.deflect(*self._pulses(), jnp.asarray(at))
+        return {name: np.broadcast_to(np.asarray(value), at.shape) for name, value in moved.items()}
+
+    def thrust(
+        self,
+        at: Float[np.ndarray, " sample"],
+        airspeed: Float[np.ndarray, " sample"],
+        density: Float[np.ndarray, " sample"],
+    ) -> Thrust:
+        """Thrust of all engines; `at` always of the same length."""
+        speeds = {
+            channel: jnp.asarray(np.interp(at, *ring.padded().T))
+            for channel, ring in self._speeds.items()
+        }
+        flow = (jnp.asarray(at), jnp.asarray(airspeed), jnp.asarray(density))
+        pushes = (
+            self._maps.push(*self._pulses(), speeds, *flow) if self._aircraft.propulsion else []
+        )
+        return combined_thrust(
+            self._aircraft,
+            [(np.asarray(push), np.asarray(torque)) for push, torque in pushes],
+            at.size,
+        )
+
+    def _pulses(self) -> tuple[Array, dict[int, Array]]:
+        if not self._servos.added:
+            return jnp.zeros(HISTORY), {}
+        rows = self._servos.padded()
+        return jnp.asarray(rows[:, 0]), {
+            channel: jnp.asarray(rows[:, 1 + index]) for index, channel in enumerate(self._channels)
+        }

@@ -1,0 +1,105 @@
+"""`live.json`: the newest of everything, as a plain document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid import frames
+from gcs_sysid.live.coefficients import KEPT
+from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.station import Station
+from gcs_sysid.model.kinematics import BLOCKS
+
+SCHEMA = 1
+
+
+def document(
+    station: Station,
+    *,
+    link: str,
+    phase: str,
+    recorded: int,
+    lost: Mapping[str, int],
+) -> dict[str, Any]:
+    """State, coefficients and derivatives with sd, latencies and counts.
+
+    Args:
+        station: what is known.
+        link: address that is listened to.
+        phase: what is going on, in words.
+        recorded: frames written to the recording.
+        lost: what could not be used, counted by reason.
+    """
+    newest, epoch = station.newest, station.rows.epoch_us
+    vehicle = station.decoder.vehicle
+    return {
+        "schema": SCHEMA,
+        "program": f"gcs-sysid {metadata.version('gcs-sysid')}",
+        "command": "listen",
+        "link": link,
+        "aircraft": station.aircraft.name,
+        "vehicle": None if vehicle is None else vehicle.system,
+        "other_vehicles": sorted(station.decoder.others),
+        "phase": phase,
+        "time_us": None
+        if newest is None or epoch is None
+        else epoch + round(newest.row.time * 1e6),
+        "state": {} if newest is None else state(newest),
+        "coefficients": coefficients(station),
+        "derivatives": {
+            name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
+            for name, terms in station.model.estimates().items()
+        },
+        "latency": {
+            "packet_to_update": station.latency.percentiles(),
+            "update": station.effort.percentiles(),
+        },
+        "counts": {
+            "received": station.decoder.received,
+            "recorded": recorded,
+            "updates": station.updates,
+            "decimated": station.rows.decimated + station.skipped,
+            "late": station.rows.late,
+            "restarts": station.filter.restarts,
+            "lost": dict(lost),
+        },
+    }
+
+
+def state(estimate: Estimate) -> dict[str, dict[str, Any]]:
+    """Flow, attitude, wind and rates with one standard deviation."""
+    flow_sd = np.sqrt(np.diagonal(estimate.flow_covariance))
+    euler = frames.euler_from_quaternion(estimate.attitude)
+    # The error turns the body axes: at moderate angles its parts are those of roll, pitch, yaw.
+    turn_sd = estimate.deviation[BLOCKS["attitude"]]
+    wind = estimate.rest[BLOCKS["wind"]] + estimate.rest[BLOCKS["gust"]]
+    wind_sd = np.hypot(estimate.deviation[BLOCKS["wind"]], estimate.deviation[BLOCKS["gust"]])
+    rows = [
+        *zip(("V", "alpha", "beta"), estimate.flow, flow_sd, ("m/s", "rad", "rad"), strict=True),
+        *zip(("roll", "pitch", "yaw"), euler, turn_sd, ("rad",) * 3, strict=True),
+        *zip(("wind_north", "wind_east", "wind_down"), wind, wind_sd, ("m/s",) * 3, strict=True),
+    ]
+    return {
+        name: {"value": float(value), "sd": float(sd), "unit": unit}
+        for name, value, sd, unit in rows
+    }
+
+
+def coefficients(station: Station) -> dict[str, dict[str, float]]:
+    """Newest measured coefficients with one standard deviation."""
+    samples = station.samples
+    if samples is None:
+        return {}
+    row = KEPT.stop - 1
+    return {
+        name: {
+            "value": float(values[row]),
+            "sd": float(samples.noise[name][row]),
+            "age_s": float(samples.time[-1] - samples.time[row]),
+        }
+        for name, values in samples.measured.items()
+    }

@@ -1,0 +1,246 @@
+"""The kinematic filter beside the flight: started from the first seconds in the air, then stepped.
+
+Noise intensities and the first state come from the rows of these seconds in the way in which a
+whole flight's do; then one row is one predict and one update of constant cost.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.frames import Array
+from gcs_sysid.live.intensities import Intensities
+from gcs_sysid.live.rows import NEEDED, Row
+from gcs_sysid.model.kinematics import (
+    BLOCKS,
+    MEASURED,
+    SIZE,
+    Imu,
+    Measurements,
+    Noise,
+    State,
+    compose,
+    corrected,
+    flow,
+)
+from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
+from gcs_sysid.reconstruct.measurements import GAP, FlightData
+from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
+
+START_S = 3.0
+"""Flight that is looked at before the filter starts [s]."""
+AGAIN_S = 0.5
+"""The same after a hole in the inertial data: only attitude and velocity are begun anew."""
+START_ROWS = 1024
+"""Rows kept while something needed is missing."""
+_LEAST_ROWS = 8
+_KEPT = slice(BLOCKS["wind"].start, SIZE)
+"""What a hole in the data does not change: wind and sensor errors."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """State at one inertial sample, from everything up to it.
+
+    Attributes:
+        row: what it was updated with.
+        attitude: quaternion, body to NED.
+        rest: additive state.
+        deviation: one standard deviation of the error state.
+        flow: true airspeed [m/s], angle of attack, sideslip [rad] at the centre of gravity.
+        flow_covariance: of the three.
+        rate: angular rate, sensor errors off [rad/s].
+        force: specific force at the inertial unit, sensor errors off [m/s²].
+        nis: normalised innovation squared of each group of measurements.
+    """
+
+    row: Row
+    attitude: Float[np.ndarray, " four"]
+    rest: Float[np.ndarray, " state"]
+    deviation: Float[np.ndarray, " state"]
+    flow: Float[np.ndarray, " three"]
+    flow_covariance: Float[np.ndarray, "three three"]
+    rate: Float[np.ndarray, " axis"]
+    force: Float[np.ndarray, " axis"]
+    nis: Float[np.ndarray, " group"]
+
+
+@jax.jit
+def _described(
+    state: State,
+    covariance: Float[Array, "state state"],
+    imu: Imu,
+    reference: Float[Array, " axis"],
+) -> tuple[Array, Array, Imu]:
+    """Flow at the centre of gravity, its covariance, and the inertial sample without errors."""
+
+    def of_error(error: Float[Array, " state"]) -> Float[Array, " three"]:
+        return flow(compose(state, error), imu, reference)
+
+    zero = jnp.zeros(SIZE)
+    sensitivity = jax.jacfwd(of_error)(zero)
+    spread = sensitivity @ covariance @ sensitivity.T
+    return of_error(zero), spread, corrected(imu, state.rest)
+
+
+class LiveFilter:
+    """Reconstruction of a flight while it goes on.
+
+    Args:
+        aircraft: sensor positions and what is known of their errors.
+
+    Attributes:
+        restarts: how often the filter had to begin again, by holes in the data or by losing its
+            footing.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._levers, self._reference = sensor_levers(aircraft)
+        self._waiting: deque[Row] = deque(maxlen=START_ROWS)
+        self._filter: KinematicFilter | None = None
+        self._intensities: Intensities | None = None
+        self._before: KinematicFilter | None = None
+        self.restarts = 0
+
+    @property
+    def started(self) -> bool:
+        """Whether estimates come out."""
+        return self._filter is not None
+
+    @property
+    def noise(self) -> Noise:
+        """Intensities in use; only once `started`."""
+        if self._filter is None:
+            raise ValueError("`noise` is known once the filter is `started`")
+        return self._filter.noise
+
+    @property
+    def lever(self) -> Float[np.ndarray, " axis"]:
+        """Position of the inertial unit from the centre of gravity [m]."""
+        return -self._reference
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What the start still waits for."""
+        seen = self._seen()
+        return tuple(group for group in NEEDED if group not in seen)
+
+    def stop(self) -> None:
+        """Ends the flight; the next row begins another one."""
+        self._waiting.clear()
+        self._filter = self._before = None
+
+    def take(self, row: Row, used: dict[str, str]) -> list[Estimate]:
+        """Moves on by a row.
+
+        Args:
+            row: the next one.
+            used: stream behind each group of measurements.
+
+        Returns:
+            Estimates: one a row; none while the start is prepared, and then those of all its rows.
+        """
+        if self._filter is not None and row.step > GAP:
+            self.restarts += 1
+            self._before, self._filter = self._filter, None
+        if self._filter is not None:
+            return self._stepped(row)
+        self._waiting.append(row)
+        enough = AGAIN_S if self._before is not None else START_S
+        long_enough = row.time - self._waiting[0].time >= enough
+        if self.missing or not long_enough or len(self._waiting) < _LEAST_ROWS:
+            return []
+        rows = list(self._waiting)
+        self._waiting.clear()
+        self._begin(rows, used)
+        return [item for later in rows[1:] for item in self._stepped(later)]
+
+    def _seen(self) -> set[str]:
+        return {
+            group
+            for index, group in enumerate(MEASURED)
+            if any(row.measured.valid[index] for row in self._waiting)
+        }
+
+    def _begin(self, rows: list[Row], used: dict[str, str]) -> None:
+        data = _flight_data(rows, used)
+        state, covariance = first_state(data, self._aircraft, 0)
+        noise = first_noise(data)
+        if self._before is not None:
+            rest, covariance = np.array(state.rest), np.array(covariance)
+            rest[_KEPT] = self._before.x[_KEPT]
+            covariance[_KEPT, _KEPT] = self._before.P[_KEPT, _KEPT]
+            state, noise = State(state.attitude, jnp.asarray(rest)), self._before.noise
+            self._before = None
+        self._filter = KinematicFilter(state, covariance, self._levers, noise)
+        self._intensities = Intensities(noise, data.measured.valid.any(axis=0))
+        self._filter.observe(rows[0].after, rows[0].measured)
+
+    def _stepped(self, row: Row) -> list[Estimate]:
+        running, intensities = self._filter, self._intensities
+        if running is None or intensities is None:
+            return []
+        try:
+            running.predict((row.before, row.after, row.step))
+            running.observe(row.after, row.measured)
+        except ValueError:  # filterpy's inverse refuses a covariance that is not finite
+            return self._lost()
+        if not (np.isfinite(running.x).all() and np.isfinite(running.P).all()):
+            return self._lost()
+        intensities.take(running, np.asarray(row.measured.valid), row.step)
+        running.noise = intensities.noise
+        seen, spread, imu = _described(
+            running.state, jnp.asarray(running.P), row.after, jnp.asarray(self._reference)
+        )
+        return [
+            Estimate(
+                row=row,
+                attitude=running.attitude,
+                rest=running.x,
+                deviation=np.sqrt(np.maximum(np.diagonal(running.P), 0.0)),
+                flow=np.asarray(seen),
+                flow_covariance=np.asarray(spread),
+                rate=np.asarray(imu.gyro),
+                force=np.asarray(imu.accelerometer),
+                nis=running.nis,
+            )
+        ]
+
+    def _lost(self) -> list[Estimate]:
+        """Begins anew where the numbers have come to nothing."""
+        self.restarts += 1
+        self._filter = None
+        return []
+
+
+def _flight_data(rows: list[Row], used: dict[str, str]) -> FlightData:
+    """Some rows as one short flight."""
+
+    def stacked(name: str) -> np.ndarray:
+        return np.stack([getattr(row.measured, name) for row in rows])
+
+    time = np.array([row.time for row in rows])
+    spread = Measurements(*(stacked(name) for name in Measurements._fields))
+    seen = [group for index, group in enumerate(MEASURED) if spread.valid[:, index].any()]
+    rate = float(1.0 / np.median(np.diff(time)))
+    return FlightData(
+        time=time,
+        gyro=np.stack([np.asarray(row.after.gyro) for row in rows]),
+        accelerometer=np.stack([np.asarray(row.after.accelerometer) for row in rows]),
+        has_accelerometer="accelerometer" in used,
+        measured=spread,
+        density=np.array([row.density for row in rows]),
+        height=np.array([row.height for row in rows]),
+        used={
+            name: stream for name, stream in used.items() if name in seen or name not in MEASURED
+        },
+        rates={"gyro": rate},
+    )

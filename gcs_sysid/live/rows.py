@@ -1,0 +1,233 @@
+"""From single messages to the rows that the filter reads, in the order in which they arrive.
+
+What `measurements` does with a whole recording, without its future: a message belongs to the
+nearest inertial sample, so a row is complete when the next inertial sample has come. One that comes
+later than that goes to the oldest open row, with its age; one too late is left out and counted.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import atmosphere, frames
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.live.choice import InertialChoice, StreamChoice
+from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
+from gcs_sysid.reconstruct import measurements
+from gcs_sysid.reconstruct.measurements import GAP, SLOWEST_AIRSPEED
+from gcs_sysid.sources.samples import Sample
+
+INERTIAL = ("p", "q", "r", "acc_x", "acc_y", "acc_z")
+NEEDED = ("airspeed", "velocity", "attitude")
+"""Groups of measurements without which there is no reconstruction."""
+_OPEN = 8
+"""Messages of one kind that wait for a row; more than come between two inertial samples."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One step of the filter: what happened up to one inertial sample.
+
+    Attributes:
+        time: of that sample [s after the epoch].
+        link_us: when it arrived [µs since 1970].
+        before: inertial sample at the start of the step.
+        after: inertial sample at its end.
+        step: length of the step [s].
+        measured: messages nearest to the end of the step.
+        density: of the air [kg/m³].
+        height: above where the first altitude was heard [m].
+    """
+
+    time: float
+    link_us: int
+    before: Imu
+    after: Imu
+    step: float
+    measured: Measurements
+    density: float
+    height: float
+
+
+@dataclass(frozen=True)
+class _Inertial:
+    time: float
+    link_us: int
+    imu: Imu
+
+
+class RowMaker:
+    """Makes rows of samples.
+
+    Attributes:
+        epoch_us: log clock at time zero, that of the first sample; None before it.
+        late: messages that came too late to be used.
+        decimated: inertial samples left out to catch up.
+        keep: one in so many inertial samples is used.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._inertial = InertialChoice()
+        self._streams = {
+            "airspeed": StreamChoice(measurements.AIRSPEED_STREAMS, ("airspeed",)),
+            "velocity": StreamChoice(
+                measurements.VELOCITY_STREAMS, ("v_north", "v_east", "v_down")
+            ),
+            "attitude": StreamChoice(measurements.ATTITUDE_STREAMS, ("roll", "pitch", "yaw")),
+        }
+        if aircraft.vanes is not None:
+            self._streams["vanes"] = StreamChoice(("AOA_SSA",), ("alpha", "beta"))
+        self._pressure = StreamChoice(measurements.PRESSURE_STREAMS, ("static_pressure",))
+        self._altitude = StreamChoice(measurements.ALTITUDE_STREAMS, ("altitude",))
+        self._open: dict[str, deque[tuple[float, Float[np.ndarray, " value"]]]] = {
+            group: deque(maxlen=_OPEN) for group in self._streams
+        }
+        self._previous: _Inertial | None = None
+        self._current: _Inertial | None = None
+        self._static: float | None = None
+        self._height: float | None = None
+        self._ground = 0.0
+        self._still = np.array([0.0, 0.0, -GRAVITY])
+        self._skipped = 0
+        self.epoch_us: int | None = None
+        self.late = 0
+        self.decimated = 0
+        self.keep = 1
+
+    @property
+    def used(self) -> dict[str, str]:
+        """Stream behind each group of measurements and behind `gyro` and `accelerometer`."""
+        used = {group: item.chosen for group, item in self._streams.items() if item.chosen}
+        if self._inertial.chosen:
+            used["gyro"] = self._inertial.chosen
+            if self._inertial.has_accelerometer:
+                used["accelerometer"] = self._inertial.chosen
+        return used
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What is needed and has not been heard."""
+        unheard = [group for group in NEEDED if not self._streams[group].chosen]
+        if not self._inertial.chosen:
+            unheard.insert(0, "angular rate")
+        if self._static is None:
+            unheard.append("static pressure or altitude")
+        return tuple(unheard)
+
+    def seconds(self, sample: Sample) -> float:
+        """Time of a sample [s after the epoch]."""
+        if self.epoch_us is None:
+            self.epoch_us = sample.time_us
+        return (sample.time_us - self.epoch_us) * 1e-6
+
+    def take(self, sample: Sample) -> Row | None:
+        """Adds a sample; returns the row that it completes, if any."""
+        time = self.seconds(sample)
+        self._air(sample, time)
+        for group, choice in self._streams.items():
+            if choice.takes(sample, time):
+                self._measure(group, time, np.array([sample.channels[c] for c in choice.channels]))
+        if not self._inertial.takes(sample, time):
+            return None
+        return self._step(sample, time)
+
+    def _air(self, sample: Sample, time: float) -> None:
+        if self._altitude.takes(sample, time):
+            altitude = sample.channels["altitude"]
+            if self._height is None:
+                self._ground = altitude
+            self._height = altitude - self._ground
+            if not self._pressure.chosen:
+                self._static = float(atmosphere.pressure(np.asarray(altitude)))
+        if self._pressure.takes(sample, time):
+            self._static = sample.channels["static_pressure"]
+
+    def _measure(self, group: str, time: float, values: Float[np.ndarray, " value"]) -> None:
+        """Puts a measurement, in the model's quantities, among those that wait for a row."""
+        stream = self._streams[group].chosen
+        timing = self._aircraft.streams.get(stream)
+        taken = time - (timing.delay if timing is not None else 0.0)
+        if group == "attitude":
+            values = frames.quaternion_from_euler(values)
+            self._still = frames.unrotate(values, np.array([0.0, 0.0, -GRAVITY]))
+        elif group == "airspeed":
+            if values[0] <= SLOWEST_AIRSPEED or self._static is None:
+                return
+            values = measurements.true_airspeed(
+                self._aircraft, values[None], np.array([self._static])
+            )[0]
+        elif group == "vanes":
+            values = measurements.vane_errors_off(self._aircraft, values[None])[0]
+        if self._current is not None and taken < self._current.time - 0.5 * GAP:
+            self.late += 1
+            return
+        self._open[group].append((taken, values))
+
+    def _step(self, sample: Sample, time: float) -> Row | None:
+        """Closes the open row and opens the next one at this inertial sample."""
+        if self._current is not None and time <= self._current.time:
+            self.late += 1
+            return None
+        self._skipped += 1
+        if self._skipped < self.keep:
+            self.decimated += 1
+            return None
+        self._skipped = 0
+        row = self._closed(time)
+        gyro = np.array([sample.channels[name] for name in INERTIAL[:3]])
+        force = (
+            np.array([sample.channels[name] for name in INERTIAL[3:]])
+            if self._inertial.has_accelerometer
+            else self._still
+        )
+        gyro, force = measurements.known_errors_off(self._aircraft, gyro[None], force[None])
+        self._previous = self._current
+        self._current = _Inertial(time, sample.link_us, Imu(gyro[0], force[0]))
+        return row
+
+    def _closed(self, following: float) -> Row | None:
+        """The open row with its measurements; None before the air is known."""
+        current = self._current
+        if current is None or self._static is None:
+            return None
+        previous = self._previous or current
+        return Row(
+            time=current.time,
+            link_us=current.link_us,
+            before=previous.imu,
+            after=current.imu,
+            step=current.time - previous.time,
+            measured=self._nearest(current.time, following),
+            density=float(atmosphere.density_from_pressure(np.asarray(self._static))),
+            height=self._height or 0.0,
+        )
+
+    def _nearest(self, time: float, following: float) -> Measurements:
+        """Takes out what is nearer to `time` than to `following`; of each kind the nearest."""
+        valid = np.zeros(len(MEASURED), dtype=bool)
+        age = np.zeros(len(MEASURED))
+        values = {
+            "airspeed": np.zeros(1),
+            "velocity": np.zeros(3),
+            "attitude": np.array([1.0, 0.0, 0.0, 0.0]),
+            "vanes": np.zeros(2),
+        }
+        for index, group in enumerate(MEASURED):
+            waiting = self._open.get(group)
+            if waiting is None:
+                continue
+            here = [item for item in waiting if item[0] - time < following - item[0]]
+            later = [item for item in waiting if item[0] - time >= following - item[0]]
+            waiting.clear()
+            waiting.extend(later)
+            if not here:
+                continue
+            taken, value = min(here, key=lambda item: abs(item[0] - time))
+            if abs(taken - time) < 0.5 * GAP:
+                valid[index], age[index], values[group] = True, taken - time, value
+        return Measurements(**values, valid=valid, age=age)

@@ -1,0 +1,174 @@
+"""What a ground station knows of one flight while it goes on: from frames to states and a model.
+
+Nothing here waits, opens or writes anything; nothing grows with the length of the flight.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.result import Prior
+from gcs_sysid.live.choice import measured
+from gcs_sysid.live.coefficients import KEPT, CoefficientWindow
+from gcs_sysid.live.commands import CommandMaps, Commands
+from gcs_sysid.live.filter import Estimate, LiveFilter
+from gcs_sysid.live.flying import FlyingWatch
+from gcs_sysid.live.latency import Latency
+from gcs_sysid.live.regression import Regressors, RunningModel
+from gcs_sysid.live.rows import Row, RowMaker
+from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS, IMU_STREAMS
+from gcs_sysid.sources.samples import Sample, SampleDecoder
+from gcs_sysid.sources.stream import Batch
+
+WAITING = 20_000
+"""Samples that may wait for the filter: a minute's; older ones are left out and counted."""
+BEHIND_S = 1.0
+"""So late, every other inertial sample is left out."""
+LOST_S = 4.0
+"""What is older is not filtered any more: the state shown must be that of now."""
+
+
+class Compiled:
+    """The functions of an aircraft that are compiled; stations of the same aircraft share them.
+
+    Args:
+        aircraft: its file.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self.maps = CommandMaps(aircraft)
+        self.regressors = Regressors(regressors.default_structure(aircraft), aircraft.control_names)
+
+
+class Station:
+    """Decodes, filters and fits.
+
+    Args:
+        aircraft: its file.
+        compiled: of the same aircraft.
+        prior: derivatives believed before; None ignores the file's.
+        vehicle: MAVLink system id to follow; None takes the first autopilot heard.
+        clock_us: the ground station's clock [µs since 1970].
+        observer: told every estimate; for those who want more than the newest.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        compiled: Compiled,
+        *,
+        prior: Mapping[str, Prior] | None,
+        vehicle: int | None,
+        clock_us: Callable[[], int],
+        observer: Callable[[Estimate | Samples], None] | None = None,
+    ) -> None:
+        self.aircraft = aircraft
+        self.decoder = SampleDecoder(vehicle=vehicle)
+        self.rows = RowMaker(aircraft)
+        self.filter = LiveFilter(aircraft)
+        self.commands = Commands(aircraft, compiled.maps)
+        self.window = CoefficientWindow(aircraft, self.commands)
+        self.model = RunningModel(aircraft, compiled.regressors, prior)
+        self.watch = FlyingWatch(aircraft)
+        self.latency = Latency()
+        self.effort = Latency()
+        self.newest: Estimate | None = None
+        self.samples: Samples | None = None
+        self.updates = 0
+        self.skipped = 0
+        self._clock_us = clock_us
+        self._observer = observer
+        self._waiting: deque[Sample] = deque()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits to be worked on."""
+        return not self._waiting
+
+    def receive(self, batch: Batch) -> None:
+        """Takes what arrived; it is worked on by `work`."""
+        self.take(self.decoder.samples(batch))
+
+    def take(self, samples: Iterable[Sample]) -> None:
+        """As `receive`, of samples."""
+        self._waiting.extend(samples)
+        while len(self._waiting) > WAITING:
+            self._skip(self._waiting.popleft())
+
+    def work(self, until_us: int) -> None:
+        """Works on what waits, at most until the clock says `until_us`."""
+        while self._waiting:
+            sample = self._waiting.popleft()
+            behind = (self._clock_us() - sample.link_us) * 1e-6
+            if behind > LOST_S:
+                self._skip(sample)
+                continue
+            self.rows.keep = 1 if behind < BEHIND_S else 2
+            self._take(sample)
+            if self._clock_us() >= until_us:
+                return
+
+    def _skip(self, sample: Sample) -> None:
+        self.skipped += sample.stream in IMU_STREAMS
+
+    def _take(self, sample: Sample) -> None:
+        time = self.rows.seconds(sample)
+        self.commands.take(sample, time)
+        if sample.stream in AIRSPEED_STREAMS and measured(sample, ("airspeed",)):
+            before = self.watch.flying
+            if before and not self.watch.take(time, sample.channels["airspeed"]):
+                self.filter.stop()
+                self.window.clear()
+            elif not before:
+                self.watch.take(time, sample.channels["airspeed"])
+        row = self.rows.take(sample)
+        if row is not None and self.watch.flying:
+            self._step(row)
+
+    def _step(self, row: Row) -> None:
+        begun = self._clock_us()
+        before = self.filter.restarts
+        estimates = self.filter.take(row, self.rows.used)
+        if self.filter.restarts != before:
+            self.window.clear()
+        for estimate in estimates:
+            self._estimated(estimate)
+        done = self._clock_us()
+        if estimates:
+            self.latency.add((done - row.link_us) * 1e-6)
+            self.effort.add((done - begun) * 1e-6)
+
+    def _estimated(self, estimate: Estimate) -> None:
+        self.newest = estimate
+        self.updates += 1
+        if self._observer is not None:
+            self._observer(estimate)
+        samples = self.window.take(
+            estimate,
+            self.filter.noise,
+            self.filter.lever,
+            has_accelerometer="accelerometer" in self.rows.used,
+        )
+        if samples is not None:
+            self.samples = samples
+            self.model.take(samples, KEPT)
+            if self._observer is not None:
+                self._observer(samples)
+
+    def phase(self) -> str:
+        """What is going on, in a few words."""
+        if self.decoder.vehicle is None:
+            heard = self.decoder.received
+            return "waiting for an autopilot's heartbeat" if heard else "waiting for data"
+        if not self.watch.flying:
+            return "on the ground"
+        if not self.filter.started:
+            missing = self.rows.missing or self.filter.missing
+            return f"starting, needs {', '.join(missing)}" if missing else "starting"
+        if self.commands.missing is not None:
+            return f"flying, coefficients need {self.commands.missing}"
+        return "flying"
