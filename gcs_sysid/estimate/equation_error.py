@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import COEFFICIENTS, MOMENTS, Aircraft
-from gcs_sysid.estimate import basis
+from gcs_sysid.estimate import basis, plausible
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 from gcs_sysid.reconstruct import rates
@@ -44,6 +44,7 @@ class Problem:
         noise: one standard deviation of a measurement.
         slopes: derivative of each column with respect to each uncertain variable.
         slope_variance: variance of these variables.
+        plausible: largest size that each term can have, see `plausible`.
         systematic: what a relative error of one in mass or inertia, and in thrust, adds.
         systematic_sigma: relative standard deviations of the two.
         piece: which unbroken stretch of a flight a sample belongs to.
@@ -56,6 +57,7 @@ class Problem:
     noise: Float[np.ndarray, " sample"]
     slopes: Float[np.ndarray, "variable sample term"]
     slope_variance: Float[np.ndarray, "variable sample"]
+    plausible: Float[np.ndarray, " term"]
     systematic: Float[np.ndarray, "sample two"]
     systematic_sigma: Float[np.ndarray, " two"]
     piece: Int[np.ndarray, " sample"]
@@ -132,6 +134,7 @@ def problem(
         noise=np.concatenate(stacked["s"]),
         slopes=np.concatenate(stacked["d"], axis=1),
         slope_variance=np.concatenate(stacked["v"], axis=1),
+        plausible=plausible.sizes(name, keys, controls),
         systematic=np.concatenate(stacked["e"]),
         systematic_sigma=np.array([scale, push]),
         piece=np.concatenate(stacked["p"]),
@@ -154,13 +157,11 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     white = inverse * float(residual @ residual) / max(count - terms, 1)
     effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
     scale = inverse @ effect
-    bent = pull(
-        _errors(problem, root), information, value, float(np.linalg.norm(residual))
-    )
+    bent = pull(_errors(problem, root), information, value, float(np.linalg.norm(residual)))
     parts = {
         "noise": coloured + unseen @ unseen.T,
         "scale": scale @ scale.T,
-        "regressor": bent @ bent.T,
+        "regressor": bounded(bent @ bent.T, problem.plausible),
     }
     raw = sum(parts.values(), np.zeros_like(white))
     mean, covariance, kept = with_prior(value, raw, prior, problem.keys)
@@ -262,8 +263,9 @@ def pull(
     (XᵀX − Σ_e)⁻¹ Xᵀy, Σ_e being the errors' covariance summed over the samples. In directions in
     which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
     there: the flight then says next to nothing about them. What the fit leaves (`left`, the
-    length of the residual) may be the part of a direction that its errors hide, so it counts
-    where it is longer than what the direction was seen to contribute.
+    length of the residual) may be the part of a direction that its errors hide: as much of it
+    as the errors are of the direction counts, where that is more than the direction was seen to
+    contribute.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     balanced = information * np.outer(scale, scale)
@@ -272,8 +274,18 @@ def pull(
     share, turn = np.linalg.eigh(half.T @ (error * np.outer(scale, scale)) @ half)
     basis = half @ turn
     share = np.clip(share, 0.0, MOST_ERROR)
-    along = np.maximum(np.abs(basis.T @ (balanced @ (value / scale))), left)
+    along = np.maximum(np.abs(basis.T @ (balanced @ (value / scale))), share * left)
     return scale[:, None] * basis * (share / (1.0 - share) * along)
+
+
+def bounded(
+    covariance: Float[np.ndarray, "term term"], size: Float[np.ndarray, " term"]
+) -> Float[np.ndarray, "term term"]:
+    """A covariance combined with the knowledge that each term is of `size` at most (one sd)."""
+    root = 1.0 / size
+    inner = np.eye(size.size) + root[:, None] * covariance * root
+    gain = covariance * root
+    return covariance - gain @ np.linalg.solve(inner, gain.T)
 
 
 def with_prior(

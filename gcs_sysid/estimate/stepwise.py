@@ -97,6 +97,7 @@ def _remainder(everything: Problem, chosen: Sequence[int]) -> tuple[float, float
         keys=tuple(everything.keys[index] for index in picked),
         columns=everything.columns[:, picked],
         slopes=everything.slopes[:, :, picked],
+        plausible=everything.plausible[picked],
     )
     residual = _residual(part)
     return float(np.mean(residual**2)), _independent(residual, everything.piece)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS, Aircraft
-from gcs_sysid.estimate import equation_error
+from gcs_sysid.estimate import equation_error, plausible
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.frames import Array
@@ -105,7 +105,8 @@ class RunningModel:
         self._structure = structure
         self._prior = prior
         self._sums = {
-            name: _Sums(len(keys), len(UNCERTAIN)) for name, keys in structure.keys.items()
+            name: _Sums(plausible.sizes(name, keys, aircraft.control_names), len(UNCERTAIN))
+            for name, keys in structure.keys.items()
         }
         self._variance = np.zeros(len(UNCERTAIN))
         push = max((item.thrust_sigma for item in aircraft.propulsion), default=0.0)
@@ -158,22 +159,23 @@ class RunningModel:
 
 
 class _Sums:
-    """What least squares needs of the samples of one coefficient with `terms` regressors.
+    """What least squares needs of the samples of one coefficient.
 
-    Over all samples: information, vector, square, squared slopes by each uncertain variable, effect of
-    scale errors. How uncertain the variables are is taken as it is believed at the end: early on,
+    Over all samples: information, vector, square, squared slopes by each uncertain variable,
+    effect of scale errors. How uncertain the variables are is taken as it is believed at the end: early on,
     gusts are not known yet.
     Over the running stretch: its information and vector. Over complete stretches: products of
     these two, from which the scores' covariance follows for any estimate.
     """
 
-    def __init__(self, terms: int, variables: int) -> None:
+    def __init__(self, size: Float[np.ndarray, " term"], variables: int) -> None:
+        terms = size.size
+        self._plausible = size
         self._information = np.zeros((terms, terms))
         self._vector = np.zeros(terms)
         self._square = 0.0
         self._slopes = np.zeros((variables, terms, terms))
         self._effect = np.zeros((terms, 2))
-        self._power = 0.0
         self._begun: float | None = None
         self._stretch = np.zeros((terms, terms + 1))
         self._products = np.zeros((terms, terms + 1, terms, terms + 1))
@@ -197,7 +199,6 @@ class _Sums:
         self._information += part[:, :-1]
         self._vector += part[:, -1]
         self._square += float(weight @ measured**2)
-        self._power += float(weight @ measured**2)
         self._slopes += np.einsum("s,vsi,vsj->vij", weight, slopes, slopes, optimize=True)
         self._effect += weighted.T @ systematic
         if self._begun is None:
@@ -224,9 +225,13 @@ class _Sums:
         scores = np.einsum("iajb,a,b->ij", self._products, along, along, optimize=True)
         corrected = scores * self.stretches / (self.stretches - len(keys))
         effect = inverse @ self._effect * systematic_sigma
-        left = float(np.sqrt(max(self._power - value @ self._vector, 0.0)))
+        left = float(np.sqrt(max(self._square - value @ self._vector, 0.0)))
         error = np.einsum("v,vij->ij", variance, self._slopes)
         bent = equation_error.pull(error, self._information, value, left)
-        covariance = inverse @ corrected @ inverse + effect @ effect.T + bent @ bent.T
+        covariance = (
+            inverse @ corrected @ inverse
+            + effect @ effect.T
+            + equation_error.bounded(bent @ bent.T, self._plausible)
+        )
         mean, spread, _ = equation_error.with_prior(value, covariance, prior, keys)
         return mean, spread

@@ -49,6 +49,7 @@ def problem(
         noise=np.broadcast_to(np.asarray(noise, dtype=float), (count,)).copy(),
         slopes=np.repeat(np.eye(terms)[:, None, :], count, axis=1),
         slope_variance=np.repeat(variance[:, None], count, axis=1),
+        plausible=np.full(terms, np.inf),
         systematic=np.zeros((count, 2)) if systematic is None else systematic,
         systematic_sigma=np.array(sigma),
         piece=np.zeros(count, dtype=int) if piece is None else piece,
