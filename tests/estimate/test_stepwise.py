@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs_sysid.aircraft import Aircraft, Control, Geometry, Mass
+from gcs_sysid.estimate import stepwise
+from gcs_sysid.estimate.coefficients import Samples
+from tests.estimate.made_structures import AIRCRAFT, false_entries, flight
+
+TRUE = {"1": -0.1, "alpha": -4.6, "elevator": -0.9, "alpha^2": 8.0}
+
+
+def chosen(samples: Samples, usual: tuple[str, ...] = ("1", "alpha")) -> set[str]:
+    piece = np.zeros(samples.time.size, dtype=int)
+    return set(stepwise.choose([samples], AIRCRAFT, {"CZ": usual}, [piece])["CZ"])
+
+
+def test_the_true_terms_are_found_and_no_others_without_noise() -> None:
+    assert chosen(flight(TRUE, seed=1, noise=1e-6)) == set(TRUE)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_true_terms_are_found_in_coloured_noise(seed: int) -> None:
+    assert chosen(flight(TRUE, seed=seed, noise=0.02, memory=0.95)) >= set(TRUE)
+
+
+def test_coloured_noise_lets_few_false_terms_in() -> None:
+    """20 flights, each with 14 terms that are not there: fewer than one false term in ten flights.
+
+    A partial F on the raw number of samples, as textbooks have it, would let in ten times as many.
+    """
+    entries, offered = false_entries(TRUE, seeds=range(20), noise=0.02, memory=0.95)
+    assert offered == 20 * 14
+    assert entries <= 2
+
+
+def test_usual_terms_that_do_nothing_are_dropped() -> None:
+    samples = flight({"1": -0.1, "alpha": -4.6}, seed=2, noise=0.01)
+    assert chosen(samples, ("1", "alpha", "qhat", "elevator")) == {"1", "alpha"}
+
+
+def test_a_refused_coefficient_keeps_its_usual_terms() -> None:
+    samples = replace(flight(TRUE, seed=3, noise=0.01), refused={"CZ": "no accelerometer"})
+    assert chosen(samples, ("1", "alpha", "qhat")) == {"1", "alpha", "qhat"}
+
+
+def test_candidates_are_all_linear_terms_squares_and_products_with_alpha() -> None:
+    aircraft = Aircraft(
+        "plain", Mass(1.0, 1.0, 1.0, 1.0), Geometry(1.0, 1.0, 1.0), controls=(Control("flap", {}),)
+    )
+    assert set(stepwise.candidates(aircraft)) == {
+        "alpha", "beta", "phat", "qhat", "rhat", "flap", "alpha^2", "beta^2",
+        "alpha*beta", "alpha*phat", "alpha*qhat", "alpha*rhat", "alpha*flap",
+    }  # fmt: skip
