@@ -161,9 +161,9 @@ class RunningModel:
 class _Sums:
     """What least squares needs of the samples of one coefficient.
 
-    Over all samples: information, vector, square, squared slopes by each uncertain variable,
-    effect of scale errors. How uncertain the variables are is taken as it is believed at the end: early on,
-    gusts are not known yet.
+    Over all samples: information, vector, square, squared slopes by each uncertain variable, effect
+    of scale errors. How uncertain the variables are is taken as it is believed at the end: early
+    on, gusts are not known yet.
     Over the running stretch: its information and vector. Over complete stretches: products of
     these two, from which the scores' covariance follows for any estimate.
     """
@@ -174,6 +174,7 @@ class _Sums:
         self._information = np.zeros((terms, terms))
         self._vector = np.zeros(terms)
         self._square = 0.0
+        self._count = 0
         self._slopes = np.zeros((variables, terms, terms))
         self._effect = np.zeros((terms, 2))
         self._begun: float | None = None
@@ -199,6 +200,7 @@ class _Sums:
         self._information += part[:, :-1]
         self._vector += part[:, -1]
         self._square += float(weight @ measured**2)
+        self._count += time.size
         self._slopes += np.einsum("s,vsi,vsj->vij", weight, slopes, slopes, optimize=True)
         self._effect += weighted.T @ systematic
         if self._begun is None:
@@ -218,7 +220,9 @@ class _Sums:
         keys: tuple[str, ...],
     ) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, "term term"]]:
         """Estimate and covariance from all samples so far, the prior's part included."""
-        inverse = np.linalg.pinv(self._information, hermitian=True)
+        inverse, unseen = equation_error.inverse_where_seen(
+            self._information, float(np.sqrt(self._square)), self._count
+        )
         value = inverse @ self._vector
         # The score of a stretch is its vector less its information times the estimate.
         along = np.append(-value, 1.0)
@@ -230,6 +234,7 @@ class _Sums:
         bent = equation_error.pull(error, self._information, value, left)
         covariance = (
             inverse @ corrected @ inverse
+            + unseen @ unseen.T
             + effect @ effect.T
             + equation_error.bounded(bent @ bent.T, self._plausible)
         )
