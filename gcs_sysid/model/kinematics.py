@@ -226,6 +226,25 @@ def _shifted(state: State, imu: Imu, shift: Float[Array, ""]) -> State:
     )
 
 
+def _indicated(
+    state: State,
+    rate: Float[Array, " axis"],
+    lever: Float[Array, " axis"],
+    scale: Float[Array, " three"],
+) -> Float[Array, " three"]:
+    """Airspeed and flow angles at a sensor, each with its `scale` error.
+
+    The scale learns from the flow without the gust only. Its product with the gust would teach it
+    to grow: a gust half as large through a sensor twice as sensitive looks the same and is far more
+    likely, and the filter's linearisation misses the determinant that makes up for it. What the
+    inertial motion foretells is an instrument that gusts do not know (Söderström & Stoica 1983).
+    """
+    flow = jnp.stack(frames.flow_angles(air_velocity(state, rate, lever)))
+    calm = state._replace(rest=state.rest.at[BLOCKS["gust"]].set(0.0))
+    still = jnp.stack(frames.flow_angles(air_velocity(calm, rate, lever)))
+    return (1.0 + scale) * still + (1.0 + jax.lax.stop_gradient(scale)) * (flow - still)
+
+
 def innovation(
     state: State, imu: Imu, measured: Measurements, levers: Levers
 ) -> Float[Array, " row"]:
@@ -240,16 +259,16 @@ def innovation(
     def at(group: int, delay: str) -> State:
         return _shifted(state, imu, measured.age[group] - part(rest, delay)[0])
 
-    speed, _, _ = frames.flow_angles(air_velocity(at(0, "airspeed_delay"), rate, levers.pitot))
-    airspeed = measured.airspeed - (1.0 + part(rest, "airspeed_scale")) * speed
+    scales = jnp.concatenate([part(rest, "airspeed_scale"), part(rest, "vane_scale")])
+    speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
+    airspeed = measured.airspeed - speed[:1]
     velocity = measured.velocity - part(at(1, "velocity_delay").rest, "velocity")
     expected = frames.multiply(
         at(2, "attitude_delay").attitude, frames.exponential(part(rest, "attitude_error"))
     )
     attitude = frames.logarithm(frames.multiply(frames.conjugate(expected), measured.attitude))
-    _, alpha, beta = frames.flow_angles(air_velocity(at(3, "vane_delay"), rate, levers.vanes))
-    angles = jnp.stack([alpha, beta])
-    vanes = measured.vanes - (1.0 + part(rest, "vane_scale")) * angles - part(rest, "vane_bias")
+    angles = _indicated(at(3, "vane_delay"), rate, levers.vanes, scales)[1:]
+    vanes = measured.vanes - angles - part(rest, "vane_bias")
     return jnp.concatenate([airspeed, velocity, attitude, vanes])
 
 
