@@ -138,10 +138,6 @@ def _open(address: str) -> _Port:
     try:
         # One attempt: pymavlink prints and sleeps between several.
         return mavutil.mavlink_connection(address, retries=1)
-    except ModuleNotFoundError as error:
-        raise SourceError(
-            address, "serial links need pyserial", fix="pip install pyserial"
-        ) from error
     except OSError as error:
         raise _broken(address, error) from error
 
