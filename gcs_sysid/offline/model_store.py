@@ -1,12 +1,16 @@
 """An identified model on disk: `model/` with `model.json`, `arrays.npz` and the aircraft file.
 
 Plain JSON and NumPy arrays without pickle, with a version; what a newer program wrote, or another
-one, is refused.
+one, is refused. `model.json` is written last and holds the digest of the arrays, so that a run cut
+short never leaves arrays of one model under the header of another.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid import aircraft_file
+from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import ModelFileError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
@@ -68,13 +72,15 @@ def save(directory: Path, stored: StoredModel) -> None:
             **{field: getattr(fit, field) for field in NUMBERS},
         }
     directory.mkdir(parents=True, exist_ok=True)
-    documents.write_atomic(directory / "arrays.npz", lambda path: _save_arrays(path, arrays))
+    packed = _packed(arrays)
+    documents.write_atomic(directory / "arrays.npz", lambda path: _write(path, packed))
     documents.write_text(directory / "aircraft.toml", aircraft_file.dumps(stored.aircraft))
     documents.write_json(
         directory / "model.json",
         {
             "format": FORMAT,
             "version": VERSION,
+            "arrays_sha256": hashlib.sha256(packed).hexdigest(),
             "controls": list(stored.model.controls),
             "fits": fits,
             "surface_delay": stored.surface_delay,
@@ -83,9 +89,14 @@ def save(directory: Path, stored: StoredModel) -> None:
     )
 
 
-def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    with path.open("wb") as file:
-        np.savez(file, allow_pickle=False, **dict(arrays))
+def _packed(arrays: Mapping[str, np.ndarray]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **dict(arrays))
+    return buffer.getvalue()
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
 
 
 def load(directory: Path) -> StoredModel:
@@ -98,12 +109,19 @@ def load(directory: Path) -> StoredModel:
         directory = directory / "model"
     header = _header(directory)
     try:
-        with np.load(directory / "arrays.npz", allow_pickle=False) as arrays:
-            fits = {name: _fit(name, entry, arrays) for name, entry in header["fits"].items()}
+        packed = (directory / "arrays.npz").read_bytes()
+        if hashlib.sha256(packed).hexdigest() != header["arrays_sha256"]:
+            raise ValueError("arrays.npz is not the file that model.json was written with")
+        controls = tuple(header["controls"])
+        with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
+            fits = {
+                name: _fit(name, entry, arrays, controls)
+                for name, entry in dict(header["fits"]).items()
+            }
         delay = float(header["surface_delay"])
-        model = AeroModel(fits=fits, controls=tuple(header["controls"]))
+        model = AeroModel(fits=fits, controls=controls)
         provenance = list(header["flights"])
-    except (OSError, KeyError, TypeError, ValueError, EOFError) as error:
+    except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(
             str(directory), f"the model is damaged ({error})", fix="run `gcs-sysid identify` again"
         ) from error
@@ -140,8 +158,16 @@ def _header(directory: Path) -> dict[str, Any]:
     return header
 
 
-def _fit(name: str, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> CoefficientFit:
+def _fit(
+    name: str,
+    entry: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    controls: tuple[str, ...],
+) -> CoefficientFit:
+    keys = tuple(regressors.parse(key, controls=controls).key for key in entry["regressors"])
     fields: dict[str, Any] = {field: arrays[f"{name}.{field}"] for field in ARRAYS}
+    if any(set(values.shape) != {len(keys)} for values in fields.values()):
+        raise ValueError(f"{name} has {len(keys)} regressors and arrays of another size")
     fields |= {field: entry[field] for field in NUMBERS}
     origins = {origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]}
-    return CoefficientFit(keys=tuple(entry["regressors"]), deviations=origins, **fields)
+    return CoefficientFit(keys=keys, deviations=origins, **fields)
