@@ -21,7 +21,7 @@ from gcs_sysid.offline import requirements
 from gcs_sysid.reconstruct import compatibility, measurements
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.reconstruct.compatibility import Compatibility
-from gcs_sysid.reconstruct.reconstruction import Reconstruction, reconstruct
+from gcs_sysid.reconstruct.reconstruction import Reconstruction, States, reconstruct
 from gcs_sysid.reconstruct.segments import INPUTS, Segment
 from gcs_sysid.recording import Recording, Stream
 from gcs_sysid.sources.registry import open_recording
@@ -233,7 +233,7 @@ def _pulses(
     }
 
 
-def thrust(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Thrust:
+def thrust(recording: Recording, aircraft: Aircraft, states: States) -> Thrust:
     """Thrust of all engines over a reconstructed flight, as the aircraft file has it."""
     engines = [_engine(recording, engine, states) for engine in aircraft.propulsion]
     return combined_thrust(aircraft, engines, states.time.size)
@@ -264,23 +264,23 @@ def combined_thrust(
 
 
 def _engine(
-    recording: Recording, engine: Propulsion, states: Reconstruction
+    recording: Recording, engine: Propulsion, states: States
 ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
     """Thrust [N] and reaction torque [N·m] of one engine."""
-    flow = (states.airspeed, states.data.density)
+    flow = (states.airspeed, states.density)
     if engine.rpm is not None:
-        channel = f"rpm_{engine.throttle_channel}"
-        stream = recording.first(RPM_STREAMS, channel) or recording.first(RPM_STREAMS, "rpm_1")
+        channel = f"rpm_{engine.rpm_channel}"
+        stream = recording.first(RPM_STREAMS, channel)
         if stream is None:
             raise RefusedError(
                 recording.source,
-                "the aircraft file gives thrust over rotation speed, and none was recorded",
+                "the aircraft file gives thrust over rotation speed, and that of motor "
+                f"{engine.rpm_channel} was not recorded",
                 fix="ask the autopilot for RPM or ESC_TELEMETRY_1_TO_4 at 10 Hz",
             )
-        name = channel if stream.has(channel) else "rpm_1"
-        good = stream.valid(name)
+        good = stream.valid(channel)
         setting = np.interp(
-            states.time, np.asarray(stream.time)[good], np.asarray(stream.channels[name])[good]
+            states.time, np.asarray(stream.time)[good], np.asarray(stream.channels[channel])[good]
         )
     else:
         stream = recording.streams[SERVO_STREAM]
