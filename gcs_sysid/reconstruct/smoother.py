@@ -102,7 +102,7 @@ def _update(
     factor = jax.scipy.linalg.cho_factor(spread)
     gain = jax.scipy.linalg.cho_solve(factor, jacobian @ belief.covariance).T
     kept = jnp.eye(SIZE) - gain @ jacobian
-    covariance = kept @ belief.covariance @ kept.T + (gain * variance) @ gain.T
+    covariance = kept @ belief.covariance @ kept.T + (gain * variance[None, :]) @ gain.T
     state = compose(belief.state, gain @ residual)
     return _Belief(state, covariance), (residual, jnp.sqrt(jnp.diagonal(spread)), nis)
 
