@@ -111,9 +111,10 @@ class Commands:
             values = [sample.channels[name] for name in self._names]
             self._servos.add(np.array([time, *values]))
         elif sample.stream in RPM_STREAMS:
-            for channel, ring in self._speeds.items():
-                name = f"rpm_{channel}" if f"rpm_{channel}" in sample.channels else "rpm_1"
-                if measured(sample, (name,)):
+            for engine in self._aircraft.propulsion:
+                name = f"rpm_{engine.rpm_channel}"
+                if engine.rpm is not None and measured(sample, (name,)):
+                    ring = self._speeds[engine.throttle_channel]
                     ring.add(np.array([time, sample.channels[name]]))
 
     def controls(self, at: Float[np.ndarray, " sample"]) -> dict[str, Float[np.ndarray, " sample"]]:

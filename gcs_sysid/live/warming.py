@@ -56,7 +56,8 @@ def _flight(aircraft: Aircraft) -> Iterator[Sample]:
     channels = sorted({servo.channel for servo in aircraft.servos})
     throttles = [engine.throttle_channel for engine in aircraft.propulsion]
     pulses = {f"pwm_{channel}": 1500.0 for channel in (*channels, *throttles)}
-    speeds = {f"rpm_{channel}": 5000.0 for channel in (*throttles, 1)}
+    motors = [engine.rpm_channel for engine in aircraft.propulsion if engine.rpm is not None]
+    speeds = {f"rpm_{motor}": 5000.0 for motor in motors}
     count = int((START_S + LIFT_OFF + 1.5) / _STEP_S) + rates.WINDOW
     for index in range(count):
         time_us = round(1e6 * index * _STEP_S)
