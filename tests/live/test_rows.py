@@ -1,0 +1,156 @@
+"""Messages become rows: late ones with their age, missing ones absent, decimated ones counted."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs_sysid.aircraft import Aircraft, Geometry, Mass, StreamTiming
+from gcs_sysid.live.rows import Row, RowMaker
+from gcs_sysid.model.kinematics import GRAVITY, MEASURED
+from gcs_sysid.sources.samples import Sample
+
+EPOCH_US = 1_790_000_000_000_000
+STEP_S = 0.02
+
+
+def aircraft(**changes: object) -> Aircraft:
+    return Aircraft("kite", Mass(1.0, 0.1, 0.1, 0.2), Geometry(0.3, 1.2, 0.25), **changes)
+
+
+def sample(stream: str, time: float, **channels: float) -> Sample:
+    time_us = EPOCH_US + round(time * 1e6)
+    return Sample(stream, time_us, time_us, True, channels)
+
+
+def inertial(time: float, *, stream: str = "RAW_IMU", p: float = 0.1) -> Sample:
+    force = {"acc_x": 0.0, "acc_y": 0.0, "acc_z": -GRAVITY}
+    return sample(stream, time, p=p, q=0.0, r=0.0, **force)
+
+
+def velocity(time: float, north: float = 15.0) -> Sample:
+    channels = {"v_north": north, "v_east": 0.0, "v_down": 0.0, "altitude": 100.0}
+    return sample("GLOBAL_POSITION_INT", time, **channels)
+
+
+def started(maker: RowMaker) -> int:
+    """Feeds inertial samples until one stream is chosen; returns the next sample's number."""
+    maker.take(velocity(0.0))
+    for index in range(1000):
+        if maker.take(inertial(index * STEP_S)) is not None:
+            return index + 1
+    raise AssertionError("no row came")
+
+
+def group(row: Row, name: str) -> tuple[bool, float]:
+    index = list(MEASURED).index(name)
+    return bool(row.measured.valid[index]), float(row.measured.age[index])
+
+
+def rows_of(maker: RowMaker, samples: list[Sample]) -> list[Row]:
+    return [row for item in samples if (row := maker.take(item)) is not None]
+
+
+def test_a_measurement_belongs_to_the_nearest_inertial_sample() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    before, at, after = (index * STEP_S for index in (n, n + 1, n + 2))
+    first, second = rows_of(
+        maker, [inertial(before), velocity(at - 0.006, 17.0), inertial(at), inertial(after)]
+    )[-2:]
+    assert group(first, "velocity") == (False, 0.0)
+    assert group(second, "velocity") == (True, pytest.approx(-0.006))
+    assert second.measured.velocity[0] == 17.0
+    assert second.step == pytest.approx(STEP_S)
+
+
+def test_a_late_measurement_goes_to_the_oldest_open_row_with_its_age() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    late = velocity((n - 5) * STEP_S)
+    row = rows_of(maker, [inertial(n * STEP_S), late, inertial((n + 1) * STEP_S)])[-1]
+    assert group(row, "velocity") == (True, pytest.approx(-5 * STEP_S))
+    assert maker.late == 0
+
+
+def test_one_too_late_is_left_out_and_counted() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    late = velocity((n - 20) * STEP_S)
+    row = rows_of(maker, [inertial(n * STEP_S), late, inertial((n + 1) * STEP_S)])[-1]
+    assert group(row, "velocity") == (False, 0.0)
+    assert maker.late == 1
+
+
+def test_a_known_delay_of_a_stream_is_taken_off() -> None:
+    timing = {"GLOBAL_POSITION_INT": StreamTiming(delay=0.1)}
+    maker = RowMaker(aircraft(streams=timing))
+    n = started(maker)
+    row = rows_of(maker, [inertial(n * STEP_S), velocity(n * STEP_S), inertial((n + 1) * STEP_S)])[
+        -1
+    ]
+    assert group(row, "velocity") == (True, pytest.approx(-0.1))
+
+
+def test_inertial_samples_out_of_order_are_left_out() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    rows = rows_of(
+        maker,
+        [inertial(n * STEP_S), inertial((n - 2) * STEP_S), inertial((n + 1) * STEP_S)],
+    )
+    assert [row.time for row in rows] == pytest.approx([(n - 1) * STEP_S, n * STEP_S])
+    assert maker.late == 1
+
+
+def test_every_other_sample_is_left_out_when_asked() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    maker.keep = 2
+    rows = rows_of(maker, [inertial((n + index) * STEP_S) for index in range(20)])
+    assert maker.decimated == 10
+    assert [row.step for row in rows[2:]] == pytest.approx([2 * STEP_S] * len(rows[2:]))
+
+
+def test_the_fastest_inertial_stream_is_used() -> None:
+    maker = RowMaker(aircraft())
+    maker.take(velocity(0.0))
+    for index in range(200):
+        maker.take(inertial(index * 0.01, stream="SCALED_IMU2"))
+        if index % 5 == 0:
+            maker.take(inertial(index * 0.01 + 0.001, stream="RAW_IMU"))
+    assert maker.used["gyro"] == "SCALED_IMU2"
+    assert maker.used["accelerometer"] == "SCALED_IMU2"
+
+
+def test_without_accelerometer_the_attitude_stands_in() -> None:
+    """Specific force is then that of unaccelerated flight, as in the batch run."""
+    maker = RowMaker(aircraft())
+    maker.take(velocity(0.0))
+    angles = {"roll": 0.2, "pitch": 0.1, "yaw": 0.0, "p": 0.1, "q": 0.0, "r": 0.0}
+    row = rows_of(maker, [sample("ATTITUDE", index * STEP_S, **angles) for index in range(100)])[-1]
+    force = np.asarray(row.after.accelerometer)
+    assert np.linalg.norm(force) == pytest.approx(GRAVITY)
+    assert force[0] == pytest.approx(GRAVITY * math.sin(0.1))
+    assert "accelerometer" not in maker.used
+
+
+def test_what_is_missing_has_a_name() -> None:
+    maker = RowMaker(aircraft())
+    assert maker.missing == (
+        "angular rate", "airspeed", "velocity", "attitude", "static pressure or altitude",
+    )  # fmt: skip
+    started(maker)
+    assert maker.missing == ("airspeed", "attitude")
+
+
+def test_a_preferred_stream_that_falls_silent_is_replaced() -> None:
+    maker = RowMaker(aircraft())
+    maker.take(velocity(0.0))
+    maker.take(sample("AIRSPEED", 0.0, airspeed=15.0))
+    maker.take(sample("VFR_HUD", 0.1, airspeed=16.0))
+    assert maker.used["airspeed"] == "AIRSPEED"
+    maker.take(sample("VFR_HUD", 3.0, airspeed=16.0))
+    assert maker.used["airspeed"] == "VFR_HUD"
