@@ -1,0 +1,102 @@
+"""`listen` as a user calls it: what it says and how it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs_sysid.cli import entry
+from gcs_sysid.cli.commands import listen as command
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.live import listen, warming
+from gcs_sysid.live.listen import Ending
+
+ROOT = Path(__file__).resolve().parents[2]
+AIRCRAFT = str(ROOT / "data/aircraft/ultra_stick_25e.toml")
+
+
+def test_a_link_that_cannot_be_opened_is_one_line_and_leaves_no_folder(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert entry.main(["listen", "carrier-pigeon", "--aircraft", AIRCRAFT, "--out", str(out)]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("gcs-sysid: carrier-pigeon: is neither a link nor a serial device")
+    assert err.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("option", [["--quiet-after", "0"], ["--prior", "mine"]])
+def test_wrong_options_are_wrong_usage(option, capsys):
+    arguments = ["listen", "udp:127.0.0.1:1", "--aircraft", AIRCRAFT, *option]
+    assert entry.main(arguments) == 2
+    assert option[0] in capsys.readouterr().err
+
+
+@pytest.fixture
+def ended(monkeypatch) -> Iterator[None]:
+    """A flight of no length: listening has just ended."""
+
+    def run(_link, _aircraft, *, out: Path, **_rest) -> Ending:
+        recording = out / "recording.tlog"
+        recording.write_bytes(b"frames")
+        return Ending("quiet", {"vehicle": 1}, recording)
+
+    monkeypatch.setattr(listen, "run", run)
+    return
+
+
+def test_a_flight_that_cannot_be_identified_is_kept_and_says_why(
+    ended, tmp_path, capsys, monkeypatch
+):
+    def refuse(*_arguments, **_options):
+        raise RefusedError("recording.tlog", "the aircraft never flew", fix="record a flight")
+
+    monkeypatch.setattr(listen, "identified", refuse)
+    out = tmp_path / "out"
+    arguments = ["listen", "udp:127.0.0.1:1", "--aircraft", AIRCRAFT, "--out", str(out)]
+    assert entry.main(arguments) == 1
+    said = capsys.readouterr()
+    assert said.out == f"The link fell quiet; recorded to {out / 'recording.tlog'}\n"
+    assert said.err == (
+        "gcs-sysid: recording.tlog: recorded, but not identified: the aircraft never flew; "
+        "record a flight\n"
+    )
+    assert (out / "recording.tlog").is_file()
+
+
+def test_signals_ask_to_stop_and_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with command._stopping() as stopped:
+        assert not stopped()
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stopped()
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_ctrl_c_ends_the_recording_and_nothing_heard_is_said(tmp_path, capsys, monkeypatch):
+    """The program is interrupted as a terminal does it, while it waits on a real link."""
+    monkeypatch.setattr(warming, "warm", lambda _aircraft, _compiled: None)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        link = f"udpin:127.0.0.1:{free.getsockname()[1]}"
+    interrupt = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+    shown = threading.Event()
+    real = listen._listen
+
+    def interrupted(session, stopped, quiet_after):
+        interrupt.start()
+        shown.set()
+        return real(session, stopped, quiet_after)
+
+    monkeypatch.setattr(listen, "_listen", interrupted)
+    out = tmp_path / "out"
+    assert entry.main(["listen", link, "--aircraft", AIRCRAFT, "--out", str(out)]) == 1
+    assert shown.is_set()
+    err = capsys.readouterr().err
+    assert f"{link}: nothing was received in" in err
+    assert not (out / "recording.tlog").exists()

@@ -1,0 +1,108 @@
+"""What is shown of a flight: right numbers in the units people use, on terminals and in pipes."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from gcs_sysid.cli import live_view
+
+RAD = math.radians
+STATE = {
+    "V": {"value": 15.04, "sd": 0.1, "unit": "m/s"},
+    "alpha": {"value": RAD(3.0), "sd": RAD(0.5), "unit": "rad"},
+    "beta": {"value": RAD(-1.0), "sd": RAD(0.5), "unit": "rad"},
+    "roll": {"value": RAD(10.0), "sd": RAD(0.2), "unit": "rad"},
+    "pitch": {"value": RAD(4.0), "sd": RAD(0.2), "unit": "rad"},
+    "yaw": {"value": RAD(-90.0), "sd": RAD(0.2), "unit": "rad"},
+    "wind_north": {"value": -3.0, "sd": 0.5, "unit": "m/s"},
+    "wind_east": {"value": 0.0, "sd": 0.1, "unit": "m/s"},
+    "wind_down": {"value": 0.2, "sd": 0.1, "unit": "m/s"},
+}
+
+
+def document(**changes: object) -> dict:
+    return {
+        "aircraft": "kite",
+        "link": "udp:127.0.0.1:14550",
+        "vehicle": 1,
+        "other_vehicles": [],
+        "phase": "flying",
+        "state": STATE,
+        "coefficients": {"CZ": {"value": -0.4123, "sd": 0.01, "age_s": 0.3}},
+        "derivatives": {"CZ": {"alpha": {"value": -4.51, "sd": 0.2}}},
+        "latency": {"packet_to_update": {"p50_ms": 21.7, "p99_ms": 34.2}},
+        "counts": {
+            "received": 1000, "recorded": 1003, "updates": 400, "decimated": 2, "late": 1,
+            "restarts": 0, "lost": {"bad_crc": 3, "unknown": 1},
+        },
+        **changes,
+    }  # fmt: skip
+
+
+def shown(content: dict) -> str:
+    console = Console(file=io.StringIO(), width=120)
+    console.print(live_view.table(content))
+    return console.file.getvalue()
+
+
+def test_a_line_holds_state_coefficients_and_counts():
+    text = live_view.line(document())
+    assert "\n" not in text
+    for words in (
+        "airspeed 15.0 ± 0.2 m/s", "alpha 3.0 ± 1.0°", "beta -1.0 ± 1.0°",
+        "wind 3.0 ± 1.0 m/s from 000°", "CZ -0.412 ± 0.020", "1003 frames", "2 decimated",
+        "1 late", "4 lost", "latency 22/34 ms",
+    ):  # fmt: skip
+        assert words in text
+
+
+def test_a_terminal_shows_the_first_model_too():
+    text = shown(document())
+    for words in ("roll 10.0 ± 0.4°", "alpha -4.51 ± 0.39", "up -0.2 ± 0.2 m/s"):
+        assert words in text
+
+
+def test_before_the_first_state_only_what_is_waited_for_is_shown():
+    waiting = document(
+        phase="waiting for data", state={}, coefficients={}, derivatives={},
+        latency={"packet_to_update": {"p50_ms": None, "p99_ms": None}},
+    )  # fmt: skip
+    assert live_view.line(waiting).startswith("waiting for data | 1003 frames")
+    assert "kite  udp:127.0.0.1:14550  waiting for data" in shown(waiting)
+
+
+def test_a_first_model_without_samples_says_that_it_collects():
+    assert "collecting" in shown(document(derivatives={}))
+
+
+def test_another_vehicle_is_named_with_the_way_to_choose_it():
+    text = shown(document(other_vehicles=[7]))
+    assert "vehicle 1 is followed; 7 heard too (--vehicle N chooses)" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "band", "text"),
+    [
+        (-0.41234, 0.0123, "-0.412 ± 0.012"),
+        (12.3456, 3.2, "12.3 ± 3.2"),
+        (123.0, 40.0, "123 ± 40"),
+        (1.0, math.nan, "1"),
+        (0.5, 0.0, "0.5"),
+    ],
+)
+def test_numbers_have_the_digits_that_their_interval_leaves(value, band, text):
+    assert live_view._number(value, band) == text
+
+
+def test_without_a_terminal_each_document_is_a_line(capsys):
+    with live_view.opened(to_stderr=False) as show:
+        show(document())
+        show(document())
+    assert capsys.readouterr().out.count("flying | airspeed") == 2
+    with live_view.opened(to_stderr=True) as show:
+        show(document())
+    assert capsys.readouterr().err.count("flying | airspeed") == 1

@@ -1,0 +1,91 @@
+"""A station that falls behind, loses data, or hears two vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.live import station as stations
+from gcs_sysid.live.station import Compiled, Station
+from gcs_sysid.live.warming import _flight
+from gcs_sysid.model.kinematics import BLOCKS
+from gcs_sysid.sources.samples import Sample
+
+PART_S = 6.5
+
+
+def made(aircraft: Aircraft, *, hole: tuple[float, float] = (0.0, 0.0)) -> Iterator[Sample]:
+    """A made-up flight, without the samples of a hole [s]."""
+    for sample in _flight(aircraft):
+        if not hole[0] <= sample.time_us * 1e-6 < hole[1]:
+            yield sample
+
+
+def flown(aircraft: Aircraft, compiled: Compiled, late_us: int = 0, **hole: object) -> Station:
+    """A station after the made-up flight; its clock is `late_us` behind each arrival."""
+    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: late_us)
+    station.take(made(aircraft, **hole))
+    station.work(2**62)
+    assert station.idle
+    return station
+
+
+@pytest.fixture(scope="module")
+def steady(aircraft: Aircraft, compiled: Compiled) -> Station:
+    return flown(aircraft, compiled)
+
+
+def test_the_made_flight_goes_through_everything(steady: Station) -> None:
+    """What compiles must reach all that is compiled, or the first window would stall a flight."""
+    assert steady.samples is not None
+    assert set(steady.samples.measured) == {"CX", "CY", "CZ", "Cl", "Cm", "Cn"}
+    assert steady.phase() == "waiting for data"  # made samples come without a heartbeat
+    assert steady.newest is not None
+    speed = np.hypot(*steady.newest.rest[BLOCKS["velocity"]][:2])
+    assert steady.newest.flow[0] == pytest.approx(speed, abs=1.0)
+
+
+def test_a_second_behind_every_other_sample_is_left_out(
+    aircraft: Aircraft, compiled: Compiled, steady: Station
+) -> None:
+    late = flown(aircraft, compiled, late_us=2_000_000)
+    assert late.rows.decimated == pytest.approx(steady.updates / 2, rel=0.4)
+    assert late.updates == pytest.approx(steady.updates / 2, rel=0.2)
+    assert late.filter.restarts == 0
+    assert late.newest is not None
+    np.testing.assert_allclose(late.newest.flow[0], steady.newest.flow[0], atol=0.5)
+
+
+def test_what_is_too_old_is_not_filtered_but_counted(
+    aircraft: Aircraft, compiled: Compiled, steady: Station
+) -> None:
+    lost = flown(aircraft, compiled, late_us=5_000_000)
+    assert lost.updates == 0
+    assert lost.skipped > steady.updates
+
+
+def test_a_hole_begins_attitude_and_velocity_anew_and_keeps_the_wind(
+    aircraft: Aircraft, compiled: Compiled, steady: Station
+) -> None:
+    hole = flown(aircraft, compiled, hole=(5.5, 6.2))
+    assert hole.filter.restarts == 1
+    assert hole.newest is not None
+    assert steady.newest is not None
+    wind = BLOCKS["wind"]
+    apart = hole.newest.rest[wind] - steady.newest.rest[wind]
+    assert np.all(np.abs(apart) < 2.0 * hole.newest.deviation[wind])
+    assert np.all(hole.newest.deviation[wind][:2] < 7.0)
+    assert hole.newest.flow[0] == pytest.approx(steady.newest.flow[0], abs=0.5)
+
+
+def test_samples_wait_in_bounded_memory(
+    aircraft: Aircraft, compiled: Compiled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stations, "WAITING", 100)
+    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0)
+    station.take(made(aircraft))
+    assert len(station._waiting) == 100
+    assert station.skipped > 100
