@@ -68,7 +68,7 @@ def fit(
     flights: Sequence[Samples],
     aircraft: Aircraft,
     structure: Mapping[str, Sequence[str]],
-    pieces: Sequence[Int[np.ndarray, " sample"]],
+    pieces: Sequence[Int[np.ndarray, " _sample"]],
     *,
     prior: Mapping[str, Prior] | None = None,
 ) -> AeroModel:
@@ -95,7 +95,7 @@ def problem(
     flights: Sequence[Samples],
     aircraft: Aircraft,
     keys: Sequence[str],
-    pieces: Sequence[Int[np.ndarray, " sample"]],
+    pieces: Sequence[Int[np.ndarray, " _sample"]],
 ) -> Problem:
     """Stacks one coefficient's regression over the flights.
 

@@ -39,7 +39,7 @@ def choose(
     flights: Sequence[Samples],
     aircraft: Aircraft,
     usual: Mapping[str, Sequence[str]],
-    pieces: Sequence[Int[np.ndarray, " sample"]],
+    pieces: Sequence[Int[np.ndarray, " _sample"]],
 ) -> dict[str, tuple[str, ...]]:
     """Terms of each coefficient, chosen from `candidates` and the usual structure."""
     chosen = {}
