@@ -84,9 +84,11 @@ class Noise(NamedTuple):
     Attributes:
         gyro: white noise of a sample [rad/s].
         accelerometer: white noise of a sample [m/s²].
+        gyro_change: random walk that the rate makes between samples [rad/s/√s].
+        accelerometer_change: the same of the specific force [m/s²/√s].
         accelerometer_drift: random walk of the bias [m/s²/√s].
         gyro_drift: random walk of the bias [rad/s/√s].
-        wind_drift: random walk of the steady wind [m/s/√s].
+        wind_drift: random walk of the steady wind toward north, east, down [m/s/√s].
         gust: standard deviation of the gust toward north, east, down [m/s].
         gust_time: correlation time of the gust [s].
         attitude_error: slow error of the attitude source: roll, pitch, yaw [rad].
@@ -96,9 +98,11 @@ class Noise(NamedTuple):
 
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
+    gyro_change: Float[Array, ""]
+    accelerometer_change: Float[Array, ""]
     accelerometer_drift: Float[Array, ""]
     gyro_drift: Float[Array, ""]
-    wind_drift: Float[Array, ""]
+    wind_drift: Float[Array, " axis"]
     gust: Float[Array, " axis"]
     gust_time: Float[Array, ""]
     attitude_error: Float[Array, " axis"]
@@ -175,17 +179,20 @@ def propagate(state: State, before: Imu, after: Imu, step: Float[Array, ""], noi
 def process_covariance(step: Float[Array, ""], noise: Noise) -> Float[Array, " state"]:
     """Diagonal of the process noise over one step.
 
-    White sensor noise is held over the step: an angle grows by σ·dt. Gust and attitude error are
-    first-order Gauss–Markov processes kept at their own variance.
+    White sensor noise is held over the step: an angle grows by σ·dt. What the motion does between
+    two samples, of which only the ends are known, is a Brownian bridge: its integral has the
+    variance change²·dt³/12, nothing at full rate and much across a hole in the telemetry. Gust and
+    attitude error are first-order Gauss–Markov processes kept at their own variance.
     """
     ones = jnp.ones(3)
+    between = step**3 / 12.0
     kept = 1.0 - jnp.exp(-2.0 * step / noise.gust_time)
     slow = 1.0 - jnp.exp(-2.0 * step / noise.attitude_error_time)
     return jnp.concatenate(
         [
-            (noise.gyro * step) ** 2 * ones,
-            (noise.accelerometer * step) ** 2 * ones,
-            noise.wind_drift**2 * step * ones,
+            ((noise.gyro * step) ** 2 + noise.gyro_change**2 * between) * ones,
+            ((noise.accelerometer * step) ** 2 + noise.accelerometer_change**2 * between) * ones,
+            noise.wind_drift**2 * step,
             noise.gust**2 * kept,
             noise.accelerometer_drift**2 * step * ones,
             noise.gyro_drift**2 * step * ones,

@@ -28,6 +28,9 @@ from gcs_sysid.sources.registry import open_recording
 
 SERVO_STREAM = "SERVO_OUTPUT_RAW"
 RPM_STREAMS = ("RPM", "ESC_TELEMETRY_1_TO_4", "ESC_STATUS")
+HOLE = 3.5
+BESIDE = 0.2
+"""Around a hole of more than `HOLE` samples, this much flight [s] on both sides is not used."""
 SHORTEST_INPUTS = 15.0
 """Deliberate inputs shorter than this in all [s] do not tell a delay by themselves."""
 Progress = Callable[[str, float], None]
@@ -64,13 +67,28 @@ class Flight:
     reconstruct_seconds: float
 
     def pieces(self, kept: Sequence[int] | None = None) -> Int[np.ndarray, " sample"]:
-        """Id of the maneuver each sample belongs to; -1 outside, or not among `kept`."""
+        """Id of the maneuver each sample belongs to; -1 outside, or not among `kept`.
+
+        Samples next to a hole in the telemetry are left out: neither the angular acceleration nor
+        the surfaces are known there.
+        """
         piece = np.full(self.samples.time.size, -1)
         for segment in self.segments:
             if kept is None or segment.id in kept:
                 inside = (self.samples.time >= segment.start) & (self.samples.time < segment.end)
                 piece[inside] = segment.id
-        return piece
+        return np.where(beside_holes(self.samples.time), -1, piece)
+
+
+def beside_holes(time: Float[np.ndarray, " sample"]) -> Bool[np.ndarray, " sample"]:
+    """Samples less than `BESIDE` before or after a hole of more than `HOLE` sample intervals."""
+    steps = np.diff(time)
+    holes = np.flatnonzero(steps > HOLE * np.median(steps))
+    edges = np.concatenate([[-np.inf], time[holes], time[holes + 1], [np.inf]])
+    edges.sort()
+    after = np.searchsorted(edges, time, side="right")
+    nearest = np.minimum(time - edges[after - 1], edges[np.minimum(after, edges.size - 1)] - time)
+    return nearest < BESIDE
 
 
 def read(
@@ -81,6 +99,7 @@ def read(
     segments: Callable[[Recording], tuple[Segment, ...]],
     delay: Delay | None,
     progress: Progress,
+    columns: Path | None = None,
 ) -> Flight:
     """Reads a log and measures its coefficients.
 
@@ -91,13 +110,14 @@ def read(
         segments: finds the maneuvers of a recording.
         delay: of the surfaces where it is known already; None finds it in this flight.
         progress: told what is being done and how far it is.
+        columns: what the columns are where the log is a table.
 
     Raises:
         InputError: the log cannot be read, or cannot answer.
     """
     started = clock.perf_counter()
     progress(f"reading {path.name}", 0.0)
-    recording = open_recording(path, vehicle=vehicle)
+    recording = open_recording(path, vehicle=vehicle, columns=columns)
     needed = requirements.check(recording, aircraft)
     needed.raise_if_unusable()
     read_at = clock.perf_counter()

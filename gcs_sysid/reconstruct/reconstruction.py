@@ -55,6 +55,9 @@ PRIOR = {
 }
 """One standard deviation before the flight is looked at; the aircraft file may say otherwise."""
 VERTICAL_WIND = 0.3
+VERTICAL_DRIFT = 0.005
+"""Air neither rises nor sinks for minutes, but over hills and in thermals [m/s, m/s/√s]."""
+LEAST_ATTITUDE_ERROR = np.deg2rad(0.1)
 ABSENT = 1e-6
 GUST_TIME = 3.0
 UNSEEN_VERTICAL_GUST = 1.4
@@ -157,20 +160,30 @@ def first_noise(data: FlightData) -> Noise:
 
     White noise of a signal is its third difference's median size: motion contributes little to it
     and bursts of motion do not move a median (a third difference of white noise has 20 times its
-    variance). What sampled signals leave out of the motion between samples is added as a floor.
+    variance). The change between neighbouring samples, at full rate, says how far the motion may
+    have gone in a hole.
     """
 
     def white(signal: Float[np.ndarray, "sample axis"]) -> float:
         size = np.median(np.abs(np.diff(signal, n=3, axis=0)), axis=0)
         return float(np.max(size) / (0.6745 * np.sqrt(20.0)))
 
+    step = float(np.median(np.diff(data.time)))
+
+    def change(signal: Float[np.ndarray, "sample axis"]) -> float:
+        usual = np.diff(data.time) < 1.5 * step
+        square = np.mean(np.diff(signal, axis=0)[usual] ** 2, axis=0)
+        return float(np.sqrt(np.max(square) / step))
+
     accelerometer = white(data.accelerometer) if data.has_accelerometer else 3.0
     return Noise(
         gyro=jnp.asarray(np.hypot(white(data.gyro), 0.002)),
         accelerometer=jnp.asarray(np.hypot(accelerometer, 0.05)),
+        gyro_change=jnp.asarray(change(data.gyro)),
+        accelerometer_change=jnp.asarray(change(data.accelerometer)),
         accelerometer_drift=jnp.asarray(1e-3),
         gyro_drift=jnp.asarray(1e-5),
-        wind_drift=jnp.asarray(0.05),
+        wind_drift=jnp.asarray(np.array([0.05, 0.05, VERTICAL_DRIFT])),
         gust=jnp.asarray(np.array([1.0, 1.0, UNSEEN_VERTICAL_GUST])),
         gust_time=jnp.asarray(GUST_TIME),
         attitude_error=jnp.asarray(np.deg2rad([1.0, 1.0, 3.0])),
@@ -183,11 +196,13 @@ def first_state(
     data: FlightData, aircraft: Aircraft, row: int
 ) -> tuple[State, Float[np.ndarray, "state state"]]:
     """Estimate at a row of the flight from the first measurements after it, and its covariance."""
-    measured = data.measured
-    seen = [int(np.argmax(measured.valid[row:, group])) + row for group in range(len(MEASURED))]
-    groups = list(MEASURED)
+    first = _first_seen(data, row)
     rest = np.zeros(SIZE)
-    rest[BLOCKS["velocity"]] = measured.velocity[seen[groups.index("velocity")]]
+    rest[BLOCKS["velocity"]] = first["velocity"]
+    # Without it a strong wind looks like sideslip of tens of degrees, from which the vanes' scale
+    # never finds back. The prior stays as wide as if nothing had been seen.
+    through_air = frames.rotate(first["attitude"], first["airspeed"] * np.array([1.0, 0.0, 0.0]))
+    rest[BLOCKS["wind"]][:2] = (first["velocity"] - through_air)[:2]
     deviation = np.zeros(SIZE)
     for name, rows in BLOCKS.items():
         deviation[rows] = PRIOR[name]
@@ -199,9 +214,17 @@ def first_state(
         for name in ("vane_bias", "vane_scale", "vane_delay"):
             deviation[BLOCKS[name]] = ABSENT
     _stated(deviation, data, aircraft)
-    attitude = measured.attitude[seen[groups.index("attitude")]]
-    state = State(jnp.asarray(attitude), jnp.asarray(rest))
+    state = State(jnp.asarray(first["attitude"]), jnp.asarray(rest))
     return state, np.diag(deviation**2)
+
+
+def _first_seen(data: FlightData, row: int) -> dict[str, Float[np.ndarray, " size"]]:
+    """First measurement of each kind at or after a row."""
+    valid = data.measured.valid[row:]
+    return {
+        name: np.asarray(getattr(data.measured, name))[row + int(np.argmax(valid[:, group]))]
+        for group, name in enumerate(MEASURED)
+    }
 
 
 def _stated(deviation: Float[np.ndarray, " state"], data: FlightData, aircraft: Aircraft) -> None:
@@ -238,10 +261,12 @@ def _middle(inputs: Inputs) -> tuple[int, Inputs]:
 
 
 def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
-    """One round of expectation–maximisation for measurement noise and gust intensity.
+    """One round of expectation–maximisation: measurement noise, attitude error, gust intensity.
 
     The gust's is taken from its horizontal component along the flight path, which the pitot tube
-    sees; with vanes from all three components.
+    sees; with vanes from all three components. Steps of the slow processes are taken twice as far:
+    plain expectation–maximisation halves too large a gust once a round and needs many (over-relaxed
+    steps of up to twice the length still converge; Salakhutdinov & Roweis 2003).
     """
     residual = np.where(
         np.isfinite(smoothed.residual),
@@ -263,7 +288,13 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
         ahead = frames.rotate(smoothed.attitude, np.array([[1.0, 0.0, 0.0]]))[:, :2]
         level = np.sqrt(np.sum(second[:, :2] * ahead**2) / np.sum(ahead**2))
         vertical = UNSEEN_VERTICAL_GUST * level
+    before = np.asarray(noise.gust)
+    level, vertical = level**2 / before[0], vertical**2 / before[2]
+    slow = BLOCKS["attitude_error"]
+    error = np.mean(smoothed.rest[:, slow] ** 2 + smoothed.deviation[:, slow] ** 2, axis=0)
+    error = np.clip(error / np.asarray(noise.attitude_error), LEAST_ATTITUDE_ERROR, np.deg2rad(5.0))
     return noise._replace(
+        attitude_error=jnp.asarray(error),
         measured=jnp.asarray(np.maximum(measured, MEASURED_FLOOR)),
         gust=jnp.asarray(gust_intensities(level, vertical)),
     )

@@ -187,9 +187,11 @@ def states(
         noise=Noise(
             gyro=np.array(0.002),
             accelerometer=np.array(0.05),
+            gyro_change=np.array(0.1),
+            accelerometer_change=np.array(1.0),
             accelerometer_drift=np.array(1e-3),
             gyro_drift=np.array(1e-5),
-            wind_drift=np.array(0.05),
+            wind_drift=np.full(3, 0.05),
             gust=np.full(3, gust),
             gust_time=np.array(3.0),
             attitude_error=np.zeros(3),

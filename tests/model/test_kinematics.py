@@ -30,9 +30,11 @@ from gcs_sysid.model.kinematics import (
 NOISE = Noise(
     gyro=jnp.asarray(0.01),
     accelerometer=jnp.asarray(0.1),
+    gyro_change=jnp.asarray(0.1),
+    accelerometer_change=jnp.asarray(1.0),
     accelerometer_drift=jnp.asarray(1e-3),
     gyro_drift=jnp.asarray(1e-5),
-    wind_drift=jnp.asarray(0.05),
+    wind_drift=jnp.full(3, 0.05),
     gust=jnp.asarray([1.0, 1.5, 2.0]),
     gust_time=jnp.asarray(3.0),
     attitude_error=jnp.asarray([0.01, 0.02, 0.05]),
