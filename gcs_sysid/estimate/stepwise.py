@@ -1,15 +1,16 @@
-"""Choice of a model's terms by the data: forward selection with a backward check.
+"""Choice of a model's terms by the data: from the usual ones, forward with a backward check.
 
-A term enters when its partial F, on as many samples as are independent, exceeds `ENTER` and it
-explains at least `LEAST_GAIN` of the variation; one whose F has fallen below `LEAVE` goes (Klein &
-Morelli 2006, section 5.4, with the effective sample size in place of the raw one: coloured
-residuals otherwise let in false terms).
+Starting from nothing would never find the roll of a well damped aircraft: rate and aileron cancel,
+and neither explains anything without the other. A term enters when its partial F, on as many
+samples as are independent, exceeds `ENTER` and it explains at least `LEAST_GAIN` of the variation;
+one whose F has fallen below `LEAVE` goes (Klein & Morelli 2006, section 5.4, with the effective
+sample size in place of the raw one: coloured residuals otherwise let in false terms).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,13 +50,14 @@ def choose(
             continue
         pool = tuple(dict.fromkeys((*keys, *candidates(aircraft))))
         everything = equation_error.problem(name, flights, aircraft, pool, pieces)
-        chosen[name] = _select(everything)
+        chosen[name] = _select(everything, len(keys))
     return chosen
 
 
-def _select(everything: Problem) -> tuple[str, ...]:
+def _select(everything: Problem, usual: int) -> tuple[str, ...]:
+    """Terms chosen, beginning with the constant and the first `usual` ones."""
     constant = everything.keys.index(regressors.CONSTANT)
-    chosen = [constant]
+    chosen = _pruned(everything, sorted({constant, *range(usual)}), {constant})
     while True:
         left = [index for index in range(len(everything.keys)) if index not in chosen]
         if not left:
@@ -66,23 +68,29 @@ def _select(everything: Problem) -> tuple[str, ...]:
         gain = (base - tried[best]) / float(np.var(everything.measured))
         if _partial_f(base, tried[best], independent, len(chosen) + 1) < ENTER or gain < LEAST_GAIN:
             break
-        chosen.append(best)
-        chosen = _pruned(everything, chosen, constant)
+        chosen = _pruned(everything, [*chosen, best], {constant, best})
     return tuple(everything.keys[index] for index in sorted(chosen))
 
 
-def _pruned(everything: Problem, chosen: list[int], constant: int) -> list[int]:
-    """Drops terms that the newest one made superfluous; never the newest one itself."""
+def _pruned(everything: Problem, chosen: Sequence[int], safe: Collection[int]) -> list[int]:
+    """Drops superfluous terms, the weakest first; never one that is `safe`."""
     kept = list(chosen)
-    for index in chosen[:-1]:
-        if index == constant:
-            continue
+    while True:
         full, independent = _remainder(everything, kept)
-        without = [item for item in kept if item != index]
-        less, _ = _remainder(everything, without)
-        if _partial_f(less, full, independent, len(kept)) < LEAVE:
-            kept = without
-    return kept
+        strength = {
+            index: _partial_f(
+                _remainder(everything, [item for item in kept if item != index])[0],
+                full,
+                independent,
+                len(kept),
+            )
+            for index in kept
+            if index not in safe
+        }
+        weakest = min(strength, key=lambda index: strength[index], default=None)
+        if weakest is None or strength[weakest] >= LEAVE:
+            return kept
+        kept.remove(weakest)
 
 
 def _partial_f(larger: float, smaller: float, independent: float, terms: int) -> float:

@@ -42,6 +42,24 @@ def test_usual_terms_that_do_nothing_are_dropped() -> None:
     assert chosen(samples, ("1", "alpha", "qhat", "elevator")) == {"1", "alpha"}
 
 
+def test_terms_that_cancel_are_found_together() -> None:
+    """Damping and aileron of a well damped roll: neither explains anything without the other.
+
+    Selection that starts from the constant alone ended there.
+    """
+    samples = flight({"1": 0.0, "phat": -0.5, "aileron": 0.17}, seed=5, noise=0.0005)
+    roll = samples.regressors["aileron"] * 0.17 / 0.5 + 0.002 * samples.regressors["phat"] / 0.03
+    moment = -0.5 * roll + 0.17 * samples.regressors["aileron"]
+    remains = samples.measured["CZ"] + 0.5 * samples.regressors["phat"]
+    remains = remains - 0.17 * samples.regressors["aileron"] + moment
+    tied = replace(
+        samples,
+        regressors={**samples.regressors, "phat": roll},
+        measured={"CZ": remains},
+    )
+    assert chosen(tied, ("1", "beta", "phat", "rhat", "aileron")) == {"1", "phat", "aileron"}
+
+
 def test_a_refused_coefficient_keeps_its_usual_terms() -> None:
     samples = replace(flight(TRUE, seed=3, noise=0.01), refused={"CZ": "no accelerometer"})
     assert chosen(samples, ("1", "alpha", "qhat")) == {"1", "alpha", "qhat"}
