@@ -96,7 +96,9 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         accelerometer = _interpolate(time, force_time, force)
         used["accelerometer"] = inertial.name
         rates["accelerometer"] = _rate(force_time)
-    gyro, accelerometer = known_errors_off(aircraft, gyro, accelerometer)
+    gyro, without_errors = known_errors_off(aircraft, gyro, accelerometer)
+    if inertial is not None:
+        accelerometer = without_errors
     return FlightData(
         time=time,
         gyro=gyro,
@@ -221,7 +223,7 @@ def _measurements(
                 continue
             message = asked.get(group, "ATTITUDE")
             raise _missing(recording.source, group, message, "at 10 Hz or faster")
-        delay = aircraft.streams[stream.name].delay if stream.name in aircraft.streams else 0.0
+        delay = lateness(aircraft, stream.name, group)
         known, data = _series(stream, channels, (time[0] - 0.1 + delay, time[-1] + 0.1 + delay))
         known = known - delay
         if group == "airspeed":
@@ -245,6 +247,19 @@ def _measurements(
         valid=valid,
         age=age,
     )
+
+
+def lateness(aircraft: Aircraft, stream: str, group: str) -> float:
+    """How long before its stamp a message describes the aircraft, as the file has it [s].
+
+    A sensor's first-order lag counts as a delay: to first order in the lag they are the same.
+    """
+    delay = aircraft.streams[stream].delay if stream in aircraft.streams else 0.0
+    if group == "airspeed":
+        return delay + aircraft.pitot.error.lag
+    if group == "vanes" and aircraft.vanes is not None:
+        return delay + 0.5 * (aircraft.vanes.alpha.lag + aircraft.vanes.beta.lag)
+    return delay
 
 
 def _slots(
@@ -290,8 +305,10 @@ def vane_errors_off(
     if vanes is None:
         return angles
     bias = np.array([vanes.alpha.bias[0], vanes.beta.bias[0]])
-    scale = np.array([vanes.alpha.scale[0], vanes.beta.scale[0]]) + vanes.upwash
-    return (angles - bias) / (1.0 + scale)
+    scale = np.array([vanes.alpha.scale[0], vanes.beta.scale[0]])
+    # The wing turns the flow up and down, not sideways.
+    upwash = np.array([vanes.upwash, 0.0])
+    return (angles - bias) / ((1.0 + scale) * (1.0 + upwash))
 
 
 def known_errors_off(

@@ -144,13 +144,20 @@ def _still_air(t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     return attitude, velocity, course
 
 
+BATCH = 2048
+"""Times are padded to whole batches, so that one compilation serves."""
+
+
+def _motion(time: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Attitude, still-air velocity of the inertial unit, rate, specific force at some times."""
+    padded = jnp.asarray(np.pad(time, (0, -time.size % BATCH), mode="edge"))
+    return tuple(np.asarray(values)[: time.size] for values in _moved(padded))
+
+
 @jax.jit
 @jax.vmap
-def _motion(t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Attitude, still-air velocity of the inertial unit, rate, specific force at times `t`.
-
-    The closed form is that of the inertial unit itself.
-    """
+def _moved(t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """The same at one time; the closed form is that of the inertial unit itself."""
     (attitude, velocity, _), (turning, acceleration, _) = jax.jvp(
         _still_air, (t,), (jnp.ones_like(t),)
     )
@@ -233,7 +240,7 @@ def flight(
     )
     time = begin + np.arange(round(duration * rate)) / rate
     streams = _streams(rng, time, errors, air, noise, lost, accelerometer)
-    attitude, _, angular_rate, force = (np.asarray(v) for v in _motion(jnp.asarray(time)))
+    attitude, _, angular_rate, force = _motion(time)
     speed, alpha, beta = _flow(air, time, np.zeros(3) - np.array(LEVER))
     steady = air.wind + air.at("drift", time)
     return Flight(
@@ -259,7 +266,7 @@ def flight(
 
 def _flow(air: Air, time: np.ndarray, lever: np.ndarray) -> tuple[np.ndarray, ...]:
     """True airspeed and flow angles at a point `lever` from the inertial unit."""
-    attitude, velocity, rate, _ = (np.asarray(v) for v in _motion(jnp.asarray(time)))
+    attitude, velocity, rate, _ = _motion(time)
     through_air = frames.unrotate(attitude, velocity - air.at("gust", time) - air.at("drift", time))
     return frames.flow_angles(through_air + np.cross(rate, lever))
 
@@ -284,7 +291,7 @@ def _streams(
     def white(size: tuple[int, ...], deviation: float) -> np.ndarray:
         return noise * deviation * rng.standard_normal(size)
 
-    _, _, rate, force = (np.asarray(v) for v in _motion(jnp.asarray(time)))
+    _, _, rate, force = _motion(time)
     gyro = (1.0 + errors.gyro_scale) * rate + errors.gyro_bias + white(rate.shape, 0.004)
     felt = (1.0 + errors.accelerometer_scale) * force + errors.accelerometer_bias
     felt = felt + white(force.shape, 0.1)
@@ -296,7 +303,7 @@ def _streams(
     streams = [_stream("VFR_HUD", at, airspeed)]
 
     at = clock(5.0)
-    _, through, _, _ = (np.asarray(v) for v in _motion(jnp.asarray(at - errors.velocity_delay)))
+    _, through, _, _ = _motion(at - errors.velocity_delay)
     ground = through + air.wind + white(through.shape, 0.15)
     names = ("v_north", "v_east", "v_down")
     streams.append(
@@ -308,9 +315,7 @@ def _streams(
     )
 
     at = clock(25.0)
-    attitude, _, turning, _ = (
-        np.asarray(v) for v in _motion(jnp.asarray(at - errors.attitude_delay))
-    )
+    attitude, _, turning, _ = _motion(at - errors.attitude_delay)
     wrong = air.at("attitude_error", at - errors.attitude_delay) + white((at.size, 3), 0.004)
     angles = frames.euler_from_quaternion(frames.multiply(attitude, frames.exponential(wrong)))
     columns = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))

@@ -1,0 +1,274 @@
+"""Choice of streams, slots on the gyro's clock, and the aircraft file's known errors undone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gcs_sysid import atmosphere, frames
+from gcs_sysid.aircraft import Aircraft, Imu, Pitot, SensorError, StreamTiming, Vanes
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.model.kinematics import GRAVITY, MEASURED
+from gcs_sysid.reconstruct import measurements
+from gcs_sysid.reconstruct.measurements import FlightData
+from gcs_sysid.recording import Recording, Stream
+from tests.reconstruct import kinematic_flights
+from tests.reconstruct.kinematic_flights import without
+
+EVERYTHING = (-np.inf, np.inf)
+GROUP = {name: index for index, name in enumerate(MEASURED)}
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return kinematic_flights.flight(20, duration=10.0).recording
+
+
+@pytest.fixture(scope="module")
+def aircraft() -> Aircraft:
+    return kinematic_flights.aircraft()
+
+
+def altered(recording: Recording, name: str, **channels: np.ndarray) -> Recording:
+    stream = recording.streams[name]
+    changed = replace(stream, channels={**stream.channels, **channels})
+    return replace(recording, streams={**recording.streams, name: changed})
+
+
+def seen(data: FlightData, group: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times at which a group's samples describe the aircraft, and their values."""
+    valid = data.measured.valid[:, GROUP[group]]
+    times = data.time[valid] + data.measured.age[valid, GROUP[group]]
+    return times, getattr(data.measured, group)[valid]
+
+
+def test_each_sample_lies_on_the_nearest_inertial_one_with_its_age(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    data = measurements.select(recording, aircraft, EVERYTHING)
+    stream = recording.streams["GLOBAL_POSITION_INT"]
+    times, velocity = seen(data, "velocity")
+    np.testing.assert_allclose(times, stream.time, atol=1e-12)
+    np.testing.assert_array_equal(velocity[:, 1], stream.channels["v_east"])
+    half = 0.5 / 50.0
+    assert np.abs(data.measured.age).max() <= half + 1e-9
+    assert data.rates["velocity"] == pytest.approx(5.0, rel=0.1)
+    assert data.used["velocity"] == "GLOBAL_POSITION_INT"
+
+
+def test_of_two_samples_on_one_row_the_nearer_stays() -> None:
+    time = np.array([0.0, 0.1, 0.2])
+    rows, chosen, offset = measurements._slots(time, np.array([0.07, 0.11, 0.16, 0.201, 0.6]))
+    np.testing.assert_array_equal(rows, [1, 2])
+    np.testing.assert_array_equal(chosen, [1, 3])  # 0.6 s is too far from any row
+    np.testing.assert_allclose(offset, [0.01, 0.001])
+
+
+def test_what_was_not_measured_is_not_slotted(recording: Recording, aircraft: Aircraft) -> None:
+    east = recording.streams["GLOBAL_POSITION_INT"].channels["v_east"].copy()
+    east[::2] = np.nan
+    data = measurements.select(
+        altered(recording, "GLOBAL_POSITION_INT", v_east=east), aircraft, EVERYTHING
+    )
+    _, velocity = seen(data, "velocity")
+    assert velocity.shape[0] == east[1::2].size
+    assert np.isfinite(velocity).all()
+
+
+def test_a_pitot_tube_at_a_standstill_says_nothing(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    speed = recording.streams["VFR_HUD"].channels["airspeed"].copy()
+    speed[:40] = 1.0
+    data = measurements.select(altered(recording, "VFR_HUD", airspeed=speed), aircraft, EVERYTHING)
+    assert seen(data, "airspeed")[1].min() > 10.0
+    assert seen(data, "airspeed")[1].shape[0] == speed.size - 40
+
+
+def test_the_fastest_inertial_stream_and_the_first_of_the_others_are_used(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    imu = recording.streams["RAW_IMU"]
+    slow = Stream("HIGHRES_IMU", imu.time[::5], imu.time[::5],
+                  {name: values[::5] for name, values in imu.channels.items()})  # fmt: skip
+    speed = recording.streams["VFR_HUD"]
+    both = replace(
+        recording,
+        streams={
+            **recording.streams,
+            "HIGHRES_IMU": slow,
+            "AIRSPEED": replace(speed, name="AIRSPEED"),
+        },
+    )
+    used = measurements.select(both, aircraft, EVERYTHING).used
+    assert used["gyro"] == "RAW_IMU"
+    assert used["airspeed"] == "AIRSPEED"
+
+
+def test_without_accelerometer_the_aircraft_is_taken_to_fly_unaccelerated(
+    recording: Recording,
+) -> None:
+    """Bias and scale of an accelerometer that is not there must not bend the made-up values."""
+    believed = replace(
+        kinematic_flights.aircraft(),
+        imu=Imu(accelerometer=SensorError(bias=(1.0, 2.0, 3.0), scale=(0.1, 0.1, 0.1))),
+    )
+    data = measurements.select(without(recording, "RAW_IMU"), believed, EVERYTHING)
+    assert not data.has_accelerometer
+    assert data.used["gyro"] == "ATTITUDE"
+    assert "accelerometer" not in data.used
+    np.testing.assert_allclose(np.linalg.norm(data.accelerometer, axis=1), GRAVITY, rtol=1e-12)
+    times, quaternions = seen(data, "attitude")
+    inside = np.isin(times, data.time)
+    up = frames.unrotate(quaternions[inside], np.array([[0.0, 0.0, -GRAVITY]]))
+    rows = np.isin(data.time, times)
+    np.testing.assert_allclose(data.accelerometer[rows], up, atol=1e-9)
+
+
+def test_without_vanes_in_the_file_or_in_the_log_none_are_used(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    for log, believed in (
+        (recording, kinematic_flights.aircraft(vanes=False)),
+        (without(recording, "AOA_SSA"), aircraft),
+    ):
+        data = measurements.select(log, believed, EVERYTHING)
+        assert "vanes" not in data.used
+        assert not data.measured.valid[:, GROUP["vanes"]].any()
+
+
+@pytest.mark.parametrize("measures", ["EAS", "CAS", "TAS"])
+def test_airspeed_becomes_true_airspeed_with_the_files_errors_off(measures: str) -> None:
+    """At 3000 m, by the standard atmosphere's own closed forms (ISA, ICAO Doc 7488)."""
+    temperature = 288.15 - 0.0065 * 3000.0
+    pressure = 101325.0 * (temperature / 288.15) ** (9.80665 / (0.0065 * 287.05287))
+    density = pressure / (287.05287 * temperature)
+    true = 40.0
+    equivalent = true * np.sqrt(density / 1.225)
+    mach = true / np.sqrt(1.4 * 287.05287 * temperature)
+    impact = pressure * ((1.0 + 0.2 * mach**2) ** 3.5 - 1.0)
+    calibrated = np.sqrt(
+        2.0 * 1.4 / 0.4 * 101325.0 / 1.225 * ((impact / 101325.0 + 1.0) ** (1.0 / 3.5) - 1.0)
+    )
+    shown = {"EAS": equivalent, "CAS": calibrated, "TAS": true}[measures]
+    believed = replace(
+        kinematic_flights.aircraft(),
+        pitot=Pitot(measures=measures, error=SensorError(bias=(0.7,), scale=(-0.04,))),
+    )
+    found = measurements.true_airspeed(
+        believed, np.array([[0.96 * shown + 0.7]]), np.array([pressure])
+    )
+    np.testing.assert_allclose(found, [[true]], rtol=2e-6)  # constants of the atmosphere rounded
+
+
+def test_known_errors_and_mounting_come_off_in_the_order_they_went_on() -> None:
+    """A unit mounted nose up by a pitch angle sees a level roll rate partly as yaw."""
+    mounting = (0.05, 0.1, -0.08)
+    body_to_unit = Rotation.from_euler("ZYX", mounting[::-1]).inv()
+    rate, force = np.array([[0.8, -0.2, 0.1]]), np.array([[1.0, 0.5, -9.0]])
+    bias, scale = np.array([0.01, -0.02, 0.03]), np.array([0.02, 0.0, -0.01])
+    believed = replace(
+        kinematic_flights.aircraft(),
+        imu=Imu(
+            misalignment=mounting,
+            gyro=SensorError(bias=tuple(bias), scale=tuple(scale)),
+            accelerometer=SensorError(bias=tuple(10.0 * bias), scale=tuple(-scale)),
+        ),
+    )
+    found = measurements.known_errors_off(
+        believed,
+        (1.0 + scale) * body_to_unit.apply(rate) + bias,
+        (1.0 - scale) * body_to_unit.apply(force) + 10.0 * bias,
+    )
+    np.testing.assert_allclose(found[0], rate, atol=1e-13)
+    np.testing.assert_allclose(found[1], force, atol=1e-13)
+    nose_up = replace(believed, imu=Imu(misalignment=(0.0, 0.1, 0.0)))
+    turned, _ = measurements.known_errors_off(nose_up, np.array([[1.0, 0.0, 0.0]]), force)
+    np.testing.assert_allclose(turned, [[np.cos(0.1), 0.0, -np.sin(0.1)]], atol=1e-15)
+
+
+def test_upwash_turns_alpha_and_leaves_sideslip_alone() -> None:
+    """Upwash used to be taken off sideslip too."""
+    believed = replace(
+        kinematic_flights.aircraft(),
+        vanes=Vanes(
+            upwash=0.2,
+            alpha=SensorError(bias=(0.01,), scale=(0.1,)),
+            beta=SensorError(bias=(-0.02,), scale=(0.05,)),
+        ),
+    )
+    alpha, beta = 0.08, -0.06
+    shown = np.array([[1.1 * 1.2 * alpha + 0.01, 1.05 * beta - 0.02]])
+    found = measurements.vane_errors_off(believed, shown)
+    np.testing.assert_allclose(found, [[alpha, beta]], rtol=1e-12)
+
+
+def test_known_delays_and_lags_move_samples_back(recording: Recording, aircraft: Aircraft) -> None:
+    """A pitot tube's lag stated in the file used to be ignored."""
+    late = replace(
+        aircraft,
+        streams={"GLOBAL_POSITION_INT": StreamTiming(0.15), "VFR_HUD": StreamTiming(0.02)},
+        pitot=replace(aircraft.pitot, error=SensorError(lag=0.08)),
+    )
+    plain = measurements.select(recording, aircraft, EVERYTHING)
+    moved = measurements.select(recording, late, EVERYTHING)
+    for group, delay in (("velocity", 0.15), ("airspeed", 0.1), ("attitude", 0.0)):
+        before, values = seen(plain, group)
+        after, same = seen(moved, group)
+        count = min(after.size, 20)
+        np.testing.assert_allclose(after[-count:], before[-count:] - delay, atol=1e-9)
+        np.testing.assert_allclose(same[-count:], values[-count:], rtol=1e-6)
+
+
+def test_density_and_height_follow_from_static_pressure(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    time = np.linspace(0.0, 10.0, 50)
+    climb = 200.0 + 5.0 * time
+    pressure = Stream(
+        "SCALED_PRESSURE", time, time, {"static_pressure": atmosphere.pressure(climb)}
+    )
+    data = measurements.select(
+        replace(recording, streams={**recording.streams, "SCALED_PRESSURE": pressure}),
+        aircraft,
+        EVERYTHING,
+    )
+    expected = atmosphere.density(200.0 + 5.0 * data.time)
+    np.testing.assert_allclose(data.density, expected, rtol=1e-6)  # linear between samples
+
+
+@pytest.mark.parametrize(
+    ("gone", "named"),
+    [
+        (("ATTITUDE", "RAW_IMU"), "angular rate"),
+        (("ATTITUDE",), "attitude"),
+        (("VFR_HUD",), "airspeed"),
+        (("GLOBAL_POSITION_INT",), "height"),
+    ],
+)
+def test_what_is_missing_is_named_in_one_line(
+    recording: Recording, aircraft: Aircraft, gone: tuple[str, ...], named: str
+) -> None:
+    with pytest.raises(RefusedError, match=named) as refused:
+        measurements.select(without(recording, *gone), aircraft, EVERYTHING)
+    assert "\n" not in str(refused.value)
+    assert recording.source in str(refused.value)
+
+
+def test_a_window_without_flight_is_refused(recording: Recording, aircraft: Aircraft) -> None:
+    with pytest.raises(RefusedError, match="while airborne"):
+        measurements.select(recording, aircraft, (0.0, 1.0))
+
+
+def test_rows_for_the_filter_hold_both_ends_of_each_step(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    data = measurements.select(recording, aircraft, EVERYTHING)
+    rows = data.inputs()
+    assert rows.step[0] == 0.0
+    np.testing.assert_allclose(np.cumsum(rows.step), data.time - data.time[0], atol=1e-12)
+    np.testing.assert_array_equal(rows.before.gyro[1:], rows.after.gyro[:-1])
+    np.testing.assert_array_equal(rows.after.accelerometer, data.accelerometer)
