@@ -54,6 +54,8 @@ def line(document: Document) -> str:
             f"{name} {_number(item['value'], BAND * item['sd'])}"
             for name, item in document["coefficients"].items()
         ]
+    if document["other_vehicles"]:
+        parts.append(_vehicles(document))
     parts.append(_counts(document))
     return " | ".join(parts)
 
@@ -82,6 +84,12 @@ def _number(value: float, band: float) -> str:
         return f"{value:.4g}"
     digits = min(max(1 - math.floor(math.log10(band)), 0), 6)
     return f"{value:.{digits}f} ± {band:.{digits}f}"
+
+
+def _vehicles(document: Document) -> str:
+    """Which vehicle is followed where several are heard."""
+    heard = ", ".join(map(str, document["other_vehicles"]))
+    return f"vehicle {document['vehicle']} is followed; {heard} heard too (--vehicle N chooses)"
 
 
 def _counts(document: Document) -> str:
@@ -126,20 +134,13 @@ def table(document: Document) -> Any:
         for name, item in document["coefficients"].items():
             terms = document["derivatives"].get(name, {})
             words = "   ".join(
-                f"{key} {_number(term['value'], BAND * term['sd'])}" for key, term in terms.items()
+                f"{'const' if key == '1' else key} {_number(term['value'], BAND * term['sd'])}"
+                for key, term in terms.items()
             )
             measured = _number(item["value"], BAND * item["sd"])
             grid.add_row(name, measured, words or "collecting")
         pieces.append(grid)
-    others = document["other_vehicles"]
-    if others:
-        heard = ", ".join(map(str, others))
-        pieces.append(
-            Text(
-                f"vehicle {document['vehicle']} is followed; {heard} heard too "
-                "(--vehicle N chooses)",
-                style="yellow",
-            )
-        )
+    if document["other_vehicles"]:
+        pieces.append(Text(_vehicles(document), style="yellow"))
     pieces.append(Text(_counts(document), style="dim"))
     return Group(*pieces)

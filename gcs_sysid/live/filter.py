@@ -197,9 +197,7 @@ class LiveFilter:
             return self._lost()
         intensities.take(running, np.asarray(row.measured.valid), row.step)
         running.noise = intensities.noise
-        seen, spread, imu = _described(
-            running.state, jnp.asarray(running.P), row.after, jnp.asarray(self._reference)
-        )
+        seen, spread, imu = _described(running.state, running.P, row.after, self._reference)
         return [
             Estimate(
                 row=row,

@@ -9,7 +9,6 @@ the place of the smoothed moments). With e the innovation, S its covariance and 
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
@@ -51,8 +50,8 @@ class Intensities:
         level = np.sqrt(self._level)
         vertical = np.sqrt(self._vertical) if self._vanes else UNSEEN_VERTICAL_GUST * level
         return self._first._replace(
-            measured=jnp.asarray(np.maximum(np.sqrt(self._square), MEASURED_FLOOR)),
-            gust=jnp.asarray(gust_intensities(level, vertical)),
+            measured=np.maximum(np.sqrt(self._square), MEASURED_FLOOR),
+            gust=gust_intensities(float(level), float(vertical)),
         )
 
     def take(

@@ -114,7 +114,7 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
     @property
     def state(self) -> State:
         """Current estimate."""
-        return State(jnp.asarray(self.attitude), jnp.asarray(self.x))
+        return State(self.attitude, self.x)
 
     def predict_x(self, u: tuple[Imu, Imu, float] | int = 0) -> None:
         """Moves the state over one step; `u` is the inertial sample before, after, and the step."""
@@ -122,7 +122,7 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
             raise TypeError("`u` must be (Imu before, Imu after, step)")
         before, after, step = u
         move, _, spread, _ = _compiled()
-        length = jnp.asarray(step, dtype=jnp.float64)
+        length = np.asarray(step, dtype=np.float64)
         ahead, jacobian = move(self.state, before, after, length, self.noise)
         self.attitude = np.asarray(ahead.attitude)
         self.x = np.asarray(ahead.rest)
@@ -134,17 +134,13 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
         _, look, _, fold = _compiled()
         residual, jacobian, variance, nis = (
             np.asarray(value)
-            for value in look(
-                self.state, jnp.asarray(self.P), imu, measured, self.levers, self.noise
-            )
+            for value in look(self.state, self.P, imu, measured, self.levers, self.noise)
         )
         self.nis = nis
         self.R = np.diag(variance)
         before = self.x
         self.update(residual, HJacobian=lambda _: jacobian, Hx=lambda _: np.zeros(ROWS))
-        folded = fold(
-            State(jnp.asarray(self.attitude), jnp.asarray(before)), jnp.asarray(self.x - before)
-        )
+        folded = fold(State(self.attitude, before), self.x - before)
         self.attitude = np.asarray(folded.attitude)
         self.x = np.asarray(folded.rest)
 

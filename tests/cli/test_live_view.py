@@ -33,7 +33,9 @@ def document(**changes: object) -> dict:
         "phase": "flying",
         "state": STATE,
         "coefficients": {"CZ": {"value": -0.4123, "sd": 0.01, "age_s": 0.3}},
-        "derivatives": {"CZ": {"alpha": {"value": -4.51, "sd": 0.2}}},
+        "derivatives": {
+            "CZ": {"1": {"value": -0.3, "sd": 0.01}, "alpha": {"value": -4.51, "sd": 0.2}}
+        },
         "latency": {"packet_to_update": {"p50_ms": 21.7, "p99_ms": 34.2}},
         "counts": {
             "received": 1000, "recorded": 1003, "updates": 400, "decimated": 2, "late": 1,
@@ -62,7 +64,12 @@ def test_a_line_holds_state_coefficients_and_counts():
 
 def test_a_terminal_shows_the_first_model_too():
     text = shown(document())
-    for words in ("roll 10.0 ± 0.4°", "alpha -4.51 ± 0.39", "up -0.2 ± 0.2 m/s"):
+    for words in (
+        "roll 10.0 ± 0.4°",
+        "const -0.300 ± 0.020",
+        "alpha -4.51 ± 0.39",
+        "up -0.2 ± 0.2 m/s",
+    ):
         assert words in text
 
 
@@ -80,8 +87,9 @@ def test_a_first_model_without_samples_says_that_it_collects():
 
 
 def test_another_vehicle_is_named_with_the_way_to_choose_it():
-    text = shown(document(other_vehicles=[7]))
-    assert "vehicle 1 is followed; 7 heard too (--vehicle N chooses)" in text
+    two = document(other_vehicles=[7])
+    for text in (shown(two), live_view.line(two)):
+        assert "vehicle 1 is followed; 7 heard too (--vehicle N chooses)" in text
 
 
 @pytest.mark.parametrize(
