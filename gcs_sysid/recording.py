@@ -57,6 +57,10 @@ class Stream:
         return all(bool(self.valid(channel).any()) for channel in channels)
 
 
+NO_AUTOPILOT = "MAV_AUTOPILOT_INVALID"
+"""MAVLink's name for a sender that is no autopilot: here, a table of measurements."""
+
+
 @dataclass(frozen=True)
 class Vehicle:
     """A system heard in a log: `autopilot` and `kind` are MAVLink enum names, `streams` counts."""
@@ -81,7 +85,7 @@ class Recording:
         parameters: the autopilot's parameters, as far as the log holds them.
         texts: (time, text) of STATUSTEXT messages.
         lost: what could not be used, counted by reason: `bad_crc`, `unknown`, `garbage_bytes`,
-            `truncated`.
+            `truncated`; of a table `rows_without_time`, `rows_at_same_time`.
         clock_notes: what was done to bring the streams onto one clock, one sentence each.
         others: further vehicles heard in the same log.
     """

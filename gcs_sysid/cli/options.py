@@ -42,6 +42,10 @@ vehicle = click.option(
     "--vehicle", metavar="SYSID", type=click.IntRange(1, 255),
     help="Which vehicle of the log, by MAVLink system id; needed when there are several.",
 )  # fmt: skip
+columns = click.option(
+    "--columns", metavar="MAP", type=Existing("file"),
+    help="What the columns of a table are (TOML); needed for .csv, .parquet, .mat.",
+)  # fmt: skip
 seed = click.option(
     "--seed", metavar="N", type=int, expose_value=False,
     help="Seed of random choices; this command makes none, so N changes nothing.",

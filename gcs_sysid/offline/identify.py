@@ -43,6 +43,7 @@ def run(
     stepwise: bool,
     out: Path,
     progress: Progress,
+    columns: Path | None = None,
 ) -> dict[str, Any]:
     """Identifies an aircraft and writes `model/`, `samples.parquet` and `summary.json` to `out`.
 
@@ -55,6 +56,7 @@ def run(
         stepwise: choose the terms by the data.
         out: directory for the results.
         progress: told what is being done.
+        columns: what the columns are of those logs that are tables.
 
     Returns:
         The summary document.
@@ -67,7 +69,7 @@ def run(
     if segments is not None and len(logs) > 1:
         raise UsageError("--segments goes with one LOG; give each log its own run, or leave it out")
     described = aircraft_file.load(aircraft)
-    flights = _read(logs, described, segments, vehicle, progress)
+    flights = _read(logs, described, segments, vehicle, columns, progress)
     described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
     progress("fitting the model", 0.9)
@@ -98,6 +100,7 @@ def _read(
     aircraft: Aircraft,
     segments: Path | None,
     vehicle: int | None,
+    columns: Path | None,
     progress: Progress,
 ) -> list[Flight]:
     flights = []
@@ -113,6 +116,7 @@ def _read(
             segments=maneuver_choice.chooser(segments, aircraft),
             delay=None,
             progress=part,
+            columns=columns,
         )
         flights.append(
             replace(

@@ -37,6 +37,7 @@ def run(
     aircraft: Path | None = None,
     vehicle: int | None = None,
     segments: Path | None = None,
+    columns: Path | None = None,
     out: Path | None = None,
     progress: Progress = lambda _stage, _fraction: None,
 ) -> dict[str, Any]:
@@ -47,6 +48,7 @@ def run(
         aircraft: aircraft file; without it controls are servo outputs and modes are guessed.
         vehicle: which vehicle of the log; needed when there are several.
         segments: maneuvers to list instead of those found.
+        columns: what the columns are where the log is a table.
         out: folder for `inspect.json`; None writes nothing.
         progress: told what is being done and which fraction is behind.
 
@@ -58,7 +60,7 @@ def run(
     """
     described = aircraft_file.load(aircraft) if aircraft is not None else None
     progress("reading", 0.0)
-    recording = open_recording(log, vehicle=vehicle)
+    recording = open_recording(log, vehicle=vehicle, columns=columns)
     progress("looking for maneuvers", 0.6)
     document = plain(inspected(recording, described, segments))
     if out is not None:

@@ -8,6 +8,8 @@ from itertools import groupby
 from math import degrees
 from typing import Any
 
+from gcs_sysid.recording import NO_AUTOPILOT
+
 WIDTH = 96
 """Columns used at most."""
 MANEUVERS_SHOWN = 40
@@ -38,6 +40,8 @@ def _head(document: Mapping[str, Any]) -> list[str]:
     vehicle = document["vehicle"]
     kind = vehicle["kind"].removeprefix("MAV_TYPE_").replace("_", " ").lower()
     autopilot = vehicle["autopilot"].removeprefix("MAV_AUTOPILOT_").lower()
+    if vehicle["autopilot"] == NO_AUTOPILOT:
+        autopilot = "a table"
     who = document["aircraft"] or "no aircraft file"
     lines = [
         f"{document['source']}: {document['duration_s']:.0f} s, of it "

@@ -29,11 +29,12 @@ def run(
     segments: Path | None,
     out: Path,
     progress: Progress,
+    columns: Path | None = None,
 ) -> dict[str, Any]:
     """Predicts a flight and writes `predictions.parquet` and `summary.json` to `out`.
 
     The surfaces' delay is the one found when the model was made; everything else of the flight is
-    reconstructed anew.
+    reconstructed anew. `columns` says what the columns are where the log is a table.
 
     Raises:
         InputError: the log or the model cannot be used.
@@ -47,6 +48,7 @@ def run(
         segments=maneuver_choice.chooser(segments, stored.aircraft),
         delay=Delay(stored.surface_delay, 0.0, found=True),
         progress=progress,
+        columns=columns,
     )
     everything = [item.id for item in one.segments]
     table = samples_table.table([one], stored.model, everything)

@@ -25,7 +25,7 @@ from gcs_sysid.reconstruct.measurements import (
     PRESSURE_STREAMS,
     VELOCITY_STREAMS,
 )
-from gcs_sysid.recording import Recording, Stream
+from gcs_sysid.recording import NO_AUTOPILOT, Recording, Stream
 
 _GROUPS: Mapping[str, tuple[int, str]] = {
     "RAW_IMU": (27, "SR0_RAW_SENS"),
@@ -38,6 +38,16 @@ _GROUPS: Mapping[str, tuple[int, str]] = {
 }
 """MAVLink message number, and the ArduPilot parameter that sets its rate on the first link
 (ArduPlane 4.6, stream groups of GCS_Mavlink.cpp)."""
+_CHANNELS: Mapping[str, str] = {
+    "RAW_IMU": "acc_x to acc_z and p, q, r",
+    "SCALED_PRESSURE": "static_pressure",
+    "ATTITUDE": "roll, pitch, yaw",
+    "GLOBAL_POSITION_INT": "v_north, v_east, v_down",
+    "SERVO_OUTPUT_RAW": "each servo's pulse or surface's deflection",
+    "VFR_HUD": "airspeed",
+    "AOA_SSA": "alpha, beta",
+}
+"""What to log where a table takes the place of an autopilot's messages."""
 _PX4_NAMES: Mapping[str, str] = {"RAW_IMU": "HIGHRES_IMU", "SERVO_OUTPUT_RAW": "SERVO_OUTPUT_RAW_0"}
 
 
@@ -96,11 +106,21 @@ class Requirements:
         """Refuses the flight when no coefficient at all can be identified from it.
 
         Raises:
-            RefusedError: with the gravest finding.
+            RefusedError: with the gravest findings that together rule all coefficients out.
         """
-        if all(reason is not None for reason in self.usable.values()):
-            gravest = max(self.refusals, key=lambda finding: len(finding.coefficients))
-            raise RefusedError(self.source, gravest.what, fix=gravest.fix)
+        if any(reason is None for reason in self.usable.values()):
+            return
+        open_still = set(COEFFICIENTS)
+        grave: list[Finding] = []
+        for finding in sorted(self.refusals, key=lambda finding: -len(finding.coefficients)):
+            if open_still & set(finding.coefficients):
+                grave.append(finding)
+                open_still -= set(finding.coefficients)
+        raise RefusedError(
+            self.source,
+            ", and ".join(finding.what for finding in grave),
+            fix=", and ".join(dict.fromkeys(finding.fix for finding in grave)),
+        )
 
 
 def check(recording: Recording, aircraft: Aircraft | None = None) -> Requirements:
@@ -111,7 +131,8 @@ def check(recording: Recording, aircraft: Aircraft | None = None) -> Requirement
     file the modes are guessed from the airspeed.
     """
     flights = airborne(recording, aircraft)
-    refusals = [*_streams(recording, flights)]
+    controls = aircraft.control_names if aircraft is not None else ()
+    refusals = [*_streams(recording, flights, controls)]
     if not flights:
         refusals.insert(0, _never_airborne(recording, aircraft))
     else:
@@ -130,6 +151,8 @@ def ask(recording: Recording, message: str, rate: float) -> str:
     """How to get a message at a rate [Hz] from this vehicle's autopilot."""
     number, group = _GROUPS[message]
     rate = max(1.0, float(np.ceil(rate)))
+    if recording.vehicle.autopilot == NO_AUTOPILOT:
+        return f"log {_CHANNELS[message]} at {rate:.0f} Hz and name the columns in the column map"
     if "PX4" in recording.vehicle.autopilot:
         name = _PX4_NAMES.get(message, message)
         return (
@@ -142,7 +165,9 @@ def ask(recording: Recording, message: str, rate: float) -> str:
     )
 
 
-def _streams(recording: Recording, flights: tuple[Interval, ...]) -> list[Finding]:
+def _streams(
+    recording: Recording, flights: tuple[Interval, ...], controls: tuple[str, ...]
+) -> list[Finding]:
     """Sensors that were not recorded while airborne."""
 
     def missing(names: tuple[str, ...], *channels: str) -> bool:
@@ -179,6 +204,8 @@ def _streams(recording: Recording, flights: tuple[Interval, ...]) -> list[Findin
     for names, channels, what, message, rate, coefficients in needs:
         if missing(names, *channels):
             only = ": forces cannot be measured" if coefficients == FORCES else ""
+            if message == SERVO_STREAM and controls:
+                only = f", so nothing is known of {', '.join(controls)}"
             found.append(
                 Finding(
                     coefficients,
@@ -231,6 +258,9 @@ def _surfaces(recording: Recording, aircraft: Aircraft | None) -> list[Finding]:
     found = []
     for name, channels in history.missing.items():
         outputs = ", ".join(f"servo{channel}" for channel in channels) or "no servo"
+        if recording.vehicle.autopilot == NO_AUTOPILOT:
+            found.append(_unmapped(name, channels, aircraft))
+            continue
         have = sorted(
             int(channel.removeprefix("pwm_"))
             for channel in recording.streams[SERVO_STREAM].channels
@@ -253,6 +283,15 @@ def _surfaces(recording: Recording, aircraft: Aircraft | None) -> list[Finding]:
             )
         )
     return found
+
+
+def _unmapped(control: str, channels: tuple[int, ...], aircraft: Aircraft | None) -> Finding:
+    columns = " and ".join(f"`pwm_{channel}`" for channel in channels) or "its servo"
+    return Finding(
+        _affected(control, aircraft),
+        f"`{control}` is not in the table: the column map names no {columns}",
+        "log the servo's pulse or the surface's deflection at 50 Hz and add it to the column map",
+    )
 
 
 def _affected(control: str, aircraft: Aircraft | None) -> tuple[str, ...]:

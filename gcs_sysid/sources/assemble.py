@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -48,17 +49,17 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
     streams = {
         name: _stream(name, table, clocked, epoch_us) for name, table in sorted(split.items())
     }
-    absent = [f"{n}.{c}" for n in streams for c in _absent(streams[n])]
+    streams, absent_notes = without_absent(streams)
     return Recording(
         source=source,
         sha256=sha256,
         vehicle=chosen,
         epoch_us=epoch_us,
-        streams={name: _without_absent(stream) for name, stream in streams.items()},
+        streams=streams,
         parameters=parameters,
         texts=_texts(own.get("STATUSTEXT"), streams.get("STATUSTEXT")),
         lost=log.lost,
-        clock_notes=(*clocked.notes, *_absent_note(absent)),
+        clock_notes=(*clocked.notes, *absent_notes),
         others=others,
     )
 
@@ -165,21 +166,26 @@ def _absent(stream: Stream) -> list[str]:
     return names
 
 
-def _without_absent(stream: Stream) -> Stream:
-    absent = _absent(stream)
+def without_absent(
+    streams: Mapping[str, Stream],
+) -> tuple[dict[str, Stream], tuple[str, ...]]:
+    """The streams with channels that belong to no sensor made NaN, and a note that names them."""
+    absent = {name: _absent(stream) for name, stream in streams.items()}
+    named = [f"{name}.{channel}" for name, channels in absent.items() for channel in channels]
+    hidden = {name: _hidden(stream, absent[name]) for name, stream in streams.items()}
+    if not named:
+        return hidden, ()
+    return hidden, (f"zero throughout, so taken as not measured: {', '.join(named)}",)
+
+
+def _hidden(stream: Stream, absent: list[str]) -> Stream:
     if not absent:
         return stream
     channels = {
         name: np.full_like(values, np.nan) if name in absent else values
         for name, values in stream.channels.items()
     }
-    return Stream(stream.name, stream.time, stream.link_time, channels, stream.stamped)
-
-
-def _absent_note(absent: list[str]) -> tuple[str, ...]:
-    if not absent:
-        return ()
-    return (f"zero throughout, so taken as not measured: {', '.join(absent)}",)
+    return replace(stream, channels=channels)
 
 
 def _parameters(table: MessageTable | None) -> dict[str, float]:

@@ -8,25 +8,32 @@ from pathlib import Path
 
 from gcs_sysid.errors import SourceError
 from gcs_sysid.recording import Recording
-from gcs_sysid.sources import assemble, tlog
+from gcs_sysid.sources import assemble, table, tlog
 from gcs_sysid.sources.tables import LogTables
 
 READERS: Mapping[str, Callable[[bytes], LogTables]] = {".tlog": tlog.read}
 """File name ending -> reader of the file's content."""
 
 
-def open_recording(path: str | Path, *, vehicle: int | None = None) -> Recording:
+def open_recording(
+    path: str | Path, *, vehicle: int | None = None, columns: Path | None = None
+) -> Recording:
     """The flight recorded in a log file.
 
     Args:
-        path: a .tlog.
+        path: a .tlog, or a table (.csv, .parquet, .mat).
         vehicle: MAVLink system id to use; without it the log must hold one vehicle only.
+        columns: what the columns of a table are; see `column_map`. Logs of other formats know
+            their own, and it says nothing about them.
 
     Raises:
-        SourceError: the file is missing, empty, or not a log of a known format.
+        SourceError: the file is missing, empty, or not a log of a known format; or the column map
+            is missing or wrong.
         RefusedError: it holds several vehicles and none was chosen.
     """
     path = Path(path)
+    if path.suffix.lower() in table.SUFFIXES:
+        return table.recording(path, _content(path), columns=columns, vehicle=vehicle)
     reader = _reader(path)
     data = _content(path)
     log = reader(data)
@@ -46,7 +53,7 @@ def _reader(path: Path) -> Callable[[bytes], LogTables]:
         raise SourceError(
             str(path),
             f"unknown kind of log `{path.suffix or path.name}`",
-            fix=f"give one of {', '.join(READERS)}",
+            fix=f"give one of {', '.join((*READERS, *table.SUFFIXES))}",
         )
     return reader
 

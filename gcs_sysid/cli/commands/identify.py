@@ -27,6 +27,7 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 )
 @options.segments
 @options.vehicle
+@options.columns
 @options.out("identify")
 @options.seed
 @options.as_json
@@ -37,6 +38,7 @@ def command(
     stepwise: bool,
     segments: Path | None,
     vehicle: int | None,
+    columns: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -58,6 +60,7 @@ def command(
             prior=prior,
             segments=segments,
             vehicle=vehicle,
+            columns=columns,
             stepwise=stepwise,
             out=destination,
             progress=progress,

@@ -14,6 +14,7 @@ from gcs_sysid.cli import numerics, options, output
 @options.aircraft(required=False)
 @options.segments
 @options.vehicle
+@options.columns
 @options.out("inspect")
 @options.seed
 @options.as_json
@@ -22,6 +23,7 @@ def command(
     aircraft: Path | None,
     segments: Path | None,
     vehicle: int | None,
+    columns: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -41,6 +43,7 @@ def command(
             aircraft=aircraft,
             vehicle=vehicle,
             segments=segments,
+            columns=columns,
             out=destination,
             progress=progress,
         )

@@ -16,6 +16,7 @@ WRITES = ("predictions.parquet", "summary.json", "report.html")
 @options.model
 @options.segments
 @options.vehicle
+@options.columns
 @options.out("predict")
 @options.seed
 @options.as_json
@@ -24,6 +25,7 @@ def command(
     model: Path,
     segments: Path | None,
     vehicle: int | None,
+    columns: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -39,7 +41,13 @@ def command(
         output.progress(f"predict {log.name}") as progress,
     ):
         summary = predict.run(
-            log, model, vehicle=vehicle, segments=segments, out=destination, progress=progress
+            log,
+            model,
+            vehicle=vehicle,
+            columns=columns,
+            segments=segments,
+            out=destination,
+            progress=progress,
         )
         progress("report", 1.0)
         text = reports.write("predict", summary, destination / "predictions.parquet")

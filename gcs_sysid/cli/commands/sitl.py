@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +54,18 @@ gust = click.option(
     multiple=True,
     help="Hide in the flight what this file names; may be given several times.",
 )
+@click.option(
+    "--link",
+    metavar="LINK",
+    help="Fly in real time and speak MAVLink here instead: udpout:127.0.0.1:14550, tcpin:HOST:PORT "
+    "(waits for a client), tcp:HOST:PORT, or a serial device.",
+)
+@click.option(
+    "--duration",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="With --link: stop after that time instead of when interrupted.",
+)
 @seed
 @wind
 @gust
@@ -67,17 +81,30 @@ def command(
     record: Path | None,
     truth: Path | None,
     effects: tuple[Path, ...],
+    link: str | None,
+    duration: float | None,
     seed: int,
     wind: tuple[float, float],
     gust: float,
     scenario: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Fly an aircraft file in JSBSim and record it.
+    """Fly an aircraft file in JSBSim, recorded or live.
 
-    The recording is what a ground station would have kept; the truth is known.
+    The recording is what a ground station would have kept; the truth is known. With --link it is a
+    vehicle that ground stations connect to.
     """
     _need_jsbsim()
+    if link is None and duration is not None:
+        raise UsageError("--duration belongs to --link; a recording has its flight's length")
+    if link is not None:
+        if record is not None or truth is not None or scenario is not None:
+            raise UsageError("--link flies live; record with `gcs-sysid listen`, or leave it out")
+        planned = _hiding(_standard(aircraft, Path("live"), None, seed, wind, gust), effects)
+        live = _fly_live(planned, link, duration)
+        words = f"{live['duration_s']:.0f} s flown, {live['sent']} messages sent to {link}"
+        output.show(live, words, as_json=as_json)
+        return
     from gcs_sysid.sitl import scenario as scenarios
 
     if scenario is not None:
@@ -111,7 +138,9 @@ def _standard(
     from gcs_sysid.sitl.scenario import PlannedFlight
 
     if aircraft is None or record is None:
-        raise UsageError("give --aircraft FILE and --record FILE.tlog, or --scenario FILE")
+        raise UsageError(
+            "give --aircraft FILE and --record FILE.tlog or --link, or --scenario FILE"
+        )
     loaded = aircraft_file.load(aircraft)
     legs = plan.standard(loaded)
     direction, speed = wind
@@ -140,6 +169,19 @@ def _hiding(planned: PlannedFlight, files: Sequence[Path]) -> PlannedFlight:
     entries = [entry for file in loaded for entry in file.effects]
     more = {key: value for file in loaded for key, value in file.truth.items()}
     return scenario.hiding(planned, entries, more)
+
+
+def _fly_live(planned: PlannedFlight, link: str, duration: float | None) -> Mapping[str, Any]:
+    from gcs_sysid.sitl import live
+
+    flight = replace(planned.flight, epoch_us=time.time_ns() // 1000)
+    with live.Link(link) as wire:
+        vehicle = live.LiveVehicle(flight, wire)
+        click.echo(f"Flying; speaks MAVLink to {link}. Ctrl-C ends it.", err=True)
+        # Interrupting is how a live flight ends.
+        with contextlib.suppress(KeyboardInterrupt):
+            live.fly(vehicle, duration=duration)
+    return {"link": link, "duration_s": vehicle.time, "sent": vehicle.sent}
 
 
 def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
