@@ -149,9 +149,7 @@ class RowMaker:
 
     def _measure(self, group: str, time: float, values: Float[np.ndarray, " value"]) -> None:
         """Puts a measurement, in the model's quantities, among those that wait for a row."""
-        stream = self._streams[group].chosen
-        timing = self._aircraft.streams.get(stream)
-        taken = time - (timing.delay if timing is not None else 0.0)
+        taken = time - measurements.lateness(self._aircraft, self._streams[group].chosen, group)
         if group == "attitude":
             values = frames.quaternion_from_euler(values)
             self._still = frames.unrotate(values, np.array([0.0, 0.0, -GRAVITY]))
@@ -185,9 +183,13 @@ class RowMaker:
             if self._inertial.has_accelerometer
             else self._still
         )
-        gyro, force = measurements.known_errors_off(self._aircraft, gyro[None], force[None])
+        gyro, without_errors = measurements.known_errors_off(
+            self._aircraft, gyro[None], force[None]
+        )
+        if self._inertial.has_accelerometer:
+            force = without_errors[0]
         self._previous = self._current
-        self._current = _Inertial(time, sample.link_us, Imu(gyro[0], force[0]))
+        self._current = _Inertial(time, sample.link_us, Imu(gyro[0], force))
         return row
 
     def _closed(self, following: float) -> Row | None:
