@@ -79,17 +79,23 @@ def start(first: Float[Array, " signal"], ratio: Float[Array, ""]) -> tuple[Arra
 
 
 def _filter(
-    step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
+    step: Float[Array, " sample"],
+    signal: Float[Array, "sample signal"],
+    weight: Float[Array, " sample"],
+    ratio: Float[Array, ""],
 ) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """Forward pass for r = 1: filtered and predicted moments, innovations and their variance."""
 
     def take(
-        belief: tuple[Array, Array], row: tuple[Array, Array]
+        belief: tuple[Array, Array], row: tuple[Array, Array, Array]
     ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-        updated, (ahead, spread, innovation, variance) = advance(belief, *row, ratio)
-        return updated, (*updated, ahead, spread, innovation, variance)
+        length, seen, counts = row
+        updated, (ahead, spread, innovation, variance) = advance(belief, length, seen, ratio)
+        mean = jnp.where(counts > 0.0, updated[0], ahead)
+        covariance = jnp.where(counts > 0.0, updated[1], spread)
+        return (mean, covariance), (mean, covariance, ahead, spread, innovation, variance)
 
-    _, out = jax.lax.scan(take, start(signal[0], ratio), (step, signal))
+    _, out = jax.lax.scan(take, start(signal[0], ratio), (step, signal, weight))
     return out[:4], out[4:]
 
 
@@ -101,7 +107,7 @@ def _likelihood(
     ratio: Float[Array, ""],
 ) -> Float[Array, ""]:
     """Log-likelihood with each signal's r profiled out; `weight` is zero on padding."""
-    _, (innovation, variance) = _filter(step, signal, ratio)
+    _, (innovation, variance) = _filter(step, signal, weight, ratio)
     noise = _most_likely_noise(innovation, variance, weight)
     logarithms = jnp.sum(weight * jnp.log(variance))
     return -0.5 * (signal.shape[1] * logarithms + jnp.sum(weight) * jnp.sum(jnp.log(noise)))
@@ -124,16 +130,19 @@ def _noise(
     ratio: Float[Array, ""],
 ) -> Float[Array, " signal"]:
     """Most likely r of each signal at a given ratio."""
-    _, (innovation, variance) = _filter(step, signal, ratio)
+    _, (innovation, variance) = _filter(step, signal, weight, ratio)
     return _most_likely_noise(innovation, variance, weight)
 
 
 @jax.jit
 def _smooth(
-    step: Float[Array, " sample"], signal: Float[Array, "sample signal"], ratio: Float[Array, ""]
+    step: Float[Array, " sample"],
+    signal: Float[Array, "sample signal"],
+    weight: Float[Array, " sample"],
+    ratio: Float[Array, ""],
 ) -> tuple[Float[Array, "sample two signal"], Float[Array, "sample two"]]:
     """Smoothed moments for r = 1."""
-    (mean, covariance, ahead, spread), _ = _filter(step, signal, ratio)
+    (mean, covariance, ahead, spread), _ = _filter(step, signal, weight, ratio)
 
     def back(
         later: tuple[Array, Array], row: tuple[Array, ...]
@@ -157,10 +166,10 @@ def _smooth(
 def _padded(
     time: Float[np.ndarray, " sample"], signal: Float[np.ndarray, "sample signal"]
 ) -> tuple[Array, Array, Array]:
-    """Steps, signals and weights, padded with late, unweighted copies of the last sample."""
+    """Steps, signals and weights, padded with rows that neither move nor measure anything."""
     missing = -time.size % (BLOCK if time.size > WINDOW else WINDOW)
     usual = float(np.median(np.diff(time)))
-    step = np.concatenate([np.diff(time, prepend=time[0] - usual), np.full(missing, usual)])
+    step = np.concatenate([np.diff(time, prepend=time[0] - usual), np.zeros(missing)])
     values = np.concatenate([signal, np.repeat(signal[-1:], missing, axis=0)])
     weight = np.concatenate([np.ones(time.size), np.zeros(missing)])
     return jnp.asarray(step), jnp.asarray(values), jnp.asarray(weight)
@@ -191,8 +200,8 @@ def smooth(
     ratio: float,
 ) -> Smooth:
     """Applies the smoother of a given ratio to any signals on the same clock."""
-    step, values, _ = _padded(time, signal)
-    moments, variances = _smooth(step, values, jnp.asarray(ratio))
+    step, values, weight = _padded(time, signal)
+    moments, variances = _smooth(step, values, weight, jnp.asarray(ratio))
     count = time.size
     mean = np.asarray(moments)[:count]
     gain = np.sqrt(np.maximum(np.asarray(variances)[:count], 0.0))
