@@ -148,7 +148,9 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     columns = problem.columns * root[:, None]
     measured = problem.measured * root
     information = columns.T @ columns
-    inverse, unseen = _inverse(information, measured)
+    inverse, unseen = inverse_where_seen(
+        information, float(np.linalg.norm(measured)), measured.size
+    )
     value = inverse @ (columns.T @ measured)
     residual = measured - columns @ value
     count, terms = columns.shape
@@ -188,22 +190,23 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     )
 
 
-def _inverse(
-    information: Float[np.ndarray, "term term"], measured: Float[np.ndarray, " sample"]
+def inverse_where_seen(
+    information: Float[np.ndarray, "term term"], length: float, count: int
 ) -> tuple[Float[np.ndarray, "term term"], Float[np.ndarray, "term direction"]]:
     """Inverse of XᵀX on what the columns span, and one standard deviation along what they do not.
 
     A regressor that never moved, or moved as another did, leaves a direction about which the flight
-    says nothing: its standard deviation is `UNKNOWN` times what would make the whole coefficient.
+    says nothing: its standard deviation is `UNKNOWN` times what would make the whole coefficient,
+    whose `count` samples have the norm `length`.
     """
     norm = np.sqrt(np.diagonal(information))
     # A column of zeros has no size of its own: one of the regressor's unit stands in.
-    scale = 1.0 / np.where(norm > 0.0, norm, np.sqrt(measured.size))
+    scale = 1.0 / np.where(norm > 0.0, norm, np.sqrt(count))
     roots, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     directions = scale[:, None] * vectors
     seen = roots > LEAST_RANK * roots.max()
     inverse = (directions[:, seen] / roots[seen]) @ directions[:, seen].T
-    return inverse, directions[:, ~seen] * UNKNOWN * np.linalg.norm(measured)
+    return inverse, directions[:, ~seen] * UNKNOWN * length
 
 
 def _score_covariance(

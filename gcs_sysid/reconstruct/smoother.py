@@ -34,7 +34,7 @@ from gcs_sysid.model.kinematics import (
 )
 from gcs_sysid.reconstruct.kinematic_ekf import observation
 
-CHUNK = 2048
+CHUNK = 1024
 
 
 class Inputs(NamedTuple):
