@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import SEA_LEVEL_DENSITY
@@ -36,6 +37,10 @@ class FlyingWatch:
         self._end = END * slowest(aircraft)
         self._since: float | None = None
         self.flying = False
+
+    def fast_enough(self, airspeed: Float[np.ndarray, " sample"]) -> bool:
+        """Whether none of these airspeeds [m/s] is one at which a flight ends."""
+        return bool(np.min(airspeed) > self._end)
 
     def take(self, time: float, airspeed: float) -> bool:
         """Whether it flies, given the indicated airspeed [m/s] at a time [s]."""

@@ -201,6 +201,7 @@ def run(
     if not session.heard:
         if not resume:
             (out / RECORDING).unlink()
+            (out / LIVE).unlink(missing_ok=True)
         raise reader.failure or SourceError(
             link,
             f"nothing was received in {session.silence:.0f} s",

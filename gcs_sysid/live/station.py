@@ -155,7 +155,9 @@ class Station:
         )
         if samples is not None:
             self.samples = samples
-            self.model.take(samples, KEPT)
+            # A landing roll lasts some seconds before it is known as one, and teaches nothing.
+            if self.watch.fast_enough(samples.regressors["V"][KEPT]):
+                self.model.take(samples, KEPT)
             if self._observer is not None:
                 self._observer(samples)
 

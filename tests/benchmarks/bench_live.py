@@ -44,18 +44,17 @@ class BusyClock:
         self._base, self._cpu = max(self.us(), at_us), time.process_time_ns()
 
 
-CLOCK = BusyClock()
-
-
-def ready() -> Station:
-    """A station with everything compiled."""
+def ready() -> tuple[Station, BusyClock]:
+    """A station with everything compiled, and its clock."""
+    clock = BusyClock()
     aircraft = aircraft_file.load(AIRCRAFT)
     compiled = Compiled(aircraft)
     warming.warm(aircraft, compiled)
-    return Station(aircraft, compiled, prior=None, vehicle=None, clock_us=CLOCK.us)
+    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=clock.us)
+    return station, clock
 
 
-def feed(station: Station, speed: float) -> Iterator[float]:
+def feed(station: Station, clock: BusyClock, speed: float) -> Iterator[float]:
     """Feeds the flight and makes the document once a second; yields the time of each [s]."""
     stream = FrameStream()
     published = 0.0
@@ -66,7 +65,7 @@ def feed(station: Station, speed: float) -> Iterator[float]:
         if at > LENGTH_S:
             return
         arrival = first + int(1e6 * at / speed)
-        CLOCK.arrive(arrival)
+        clock.arrive(arrival)
         station.receive(stream.feed(frame, arrival))
         station.work(2**62)
         if at / speed - published >= 1.0:
@@ -76,9 +75,9 @@ def feed(station: Station, speed: float) -> Iterator[float]:
 
 
 def timed(speed: float) -> tuple[str, ...]:
-    station = ready()
+    station, clock = ready()
     begin = time.process_time()
-    for _ in feed(station, speed):
+    for _ in feed(station, clock, speed):
         pass
     busy = (time.process_time() - begin) / (LENGTH_S / speed)
     update, packet = station.effort.percentiles(), station.latency.percentiles()
@@ -93,9 +92,9 @@ def timed(speed: float) -> tuple[str, ...]:
 
 def grown() -> float:
     """Memory that the second half of the flight adds [KiB]."""
-    station = ready()
+    station, clock = ready()
     tracemalloc.start()
-    sizes = [tracemalloc.get_traced_memory()[0] for _ in feed(station, 1.0)]
+    sizes = [tracemalloc.get_traced_memory()[0] for _ in feed(station, clock, 1.0)]
     tracemalloc.stop()
     return (sizes[-1] - sizes[len(sizes) // 2]) / 1024
 

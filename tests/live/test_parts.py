@@ -61,6 +61,8 @@ def test_flying_begins_and_ends_with_memory() -> None:
     assert flown(watch, 0.9 * END * speed, 0.5 * LANDED, 30.0)
     assert flown(watch, 1.1 * END * speed, 5.0, 40.0)
     assert not flown(watch, 0.9 * END * speed, 1.5 * LANDED, 50.0)
+    assert watch.fast_enough(np.array([1.1, 1.5]) * END * speed)
+    assert not watch.fast_enough(np.array([0.9, 1.5]) * END * speed)
 
 
 def test_without_an_envelope_the_wing_sets_the_slowest_speed() -> None:
