@@ -51,7 +51,7 @@ def run(
         columns=columns,
     )
     everything = [item.id for item in one.segments]
-    table = samples_table.table([one], stored.model, everything)
+    table = samples_table.table([one], stored.model, everything, unseen=True)
     documents.write_table(out / "predictions.parquet", table)
     refused = {
         **{

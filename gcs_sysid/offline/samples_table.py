@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.offline.flight import Flight
 
@@ -15,7 +17,11 @@ GLOBAL_MODEL = 0
 
 
 def table(
-    flights: Sequence[Flight], model: AeroModel, held_out: Sequence[int]
+    flights: Sequence[Flight],
+    model: AeroModel,
+    held_out: Sequence[int],
+    *,
+    unseen: bool = False,
 ) -> dict[str, np.ndarray]:
     """All flights, one row a sample.
 
@@ -29,13 +35,15 @@ def table(
         flights: what to tabulate.
         model: whose values to set beside the measured ones.
         held_out: ids of maneuvers that took no part in the fit of `model`.
+        unseen: whether `model` was made from other flights. Errors of the flow angles that last a
+            flight, a vane's bias above all, are then not those of the fit, and count.
     """
-    parts = [_one(index, flight, model, held_out) for index, flight in enumerate(flights)]
+    parts = [_one(index, flight, model, held_out, unseen) for index, flight in enumerate(flights)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _one(
-    index: int, flight: Flight, model: AeroModel, held_out: Sequence[int]
+    index: int, flight: Flight, model: AeroModel, held_out: Sequence[int], unseen: bool
 ) -> dict[str, np.ndarray]:
     samples, states = flight.samples, flight.reconstruction
     flow_deviation = np.sqrt(np.einsum("sii->si", states.flow_covariance))
@@ -61,6 +69,10 @@ def _one(
         )
         columns[name] = predicted[name].mean if known else missing
         columns[f"{name}_sd"] = predicted[name].deviation if known else missing
+        if known and unseen:
+            columns[f"{name}_sd"] = np.hypot(
+                columns[f"{name}_sd"], _flow_error(samples, model, name)
+            )
     columns["region"] = np.full(samples.time.size, GLOBAL_MODEL)
     columns["flight"] = np.full(samples.time.size, index)
     columns["t"] = samples.time
@@ -71,3 +83,12 @@ def _one(
     columns["maneuver"] = piece
     columns["held_out"] = np.isin(piece, np.asarray(list(held_out), dtype=int))
     return columns
+
+
+def _flow_error(samples: Samples, model: AeroModel, name: str) -> Float[np.ndarray, " sample"]:
+    """One standard deviation that the errors of the flow angles give a predicted coefficient."""
+    total = np.zeros(samples.time.size)
+    for variable in ("alpha", "beta"):
+        slope = model.derivative(name, variable, samples.regressors).mean
+        total += slope**2 * samples.regressor_variance[variable]
+    return np.sqrt(total)
