@@ -39,8 +39,8 @@ def scatter(table: dict[str, np.ndarray], rows: np.ndarray, name: str) -> float:
 def test_another_flight_is_predicted_as_well_as_held_out_maneuvers(
     second: tuple[dict[str, Any], dict[str, np.ndarray]], demo: Identified, name: str
 ) -> None:
-    """Little over twice the scatter is allowed: parts are flown slower (15.5 against 18 m/s), where noise
-    weighs 1.35 times as much, and gusts of 0.35 instead of 0.25 m/s turn the flow 1.6 times as far.
+    """Little over twice the scatter is allowed: parts are flown slower (15.5 against 18 m/s), where
+    noise weighs 1.35 times as much, and gusts of 0.35, not 0.25 m/s turn the flow 1.6 times as far.
 
     Scatter, not per cent of the spread: it has few inputs, and so little spread. Coverage is 79 to
     100 % (Cl lowest: stronger gusts turn the air faster than in the flight of the fit).
