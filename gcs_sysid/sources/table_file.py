@@ -30,7 +30,6 @@ DAMAGED = (
     zlib.error,
     struct.error,
     ValueError,
-    TypeError,
     LookupError,
     OSError,
     ArithmeticError,
@@ -76,7 +75,9 @@ def nearest(name: str, known: Mapping[str, object]) -> str:
 def _csv(data: bytes) -> dict[str, Column | None]:
     first = data.split(b"\n", 1)[0].decode("utf-8", "replace")
     delimiter = max(",;\t", key=first.count)
-    return _arrow(csv.read_csv(io.BytesIO(data), parse_options=csv.ParseOptions(delimiter)))
+    return _arrow(
+        csv.read_csv(io.BytesIO(data), parse_options=csv.ParseOptions(delimiter=delimiter))
+    )
 
 
 def _parquet(data: bytes) -> dict[str, Column | None]:

@@ -42,7 +42,14 @@ def calls(monkeypatch, tmp_path):
     monkeypatch.setattr(numerics, "enable", lambda: None)
     monkeypatch.setattr(reports, "write", lambda run, _summary, table: f"{run}: {table}")
     monkeypatch.chdir(tmp_path)
-    for file in ("flight.tlog", "other.tlog", "aircraft.toml", "segments.json", "points.csv"):
+    for file in (
+        "flight.tlog",
+        "other.tlog",
+        "aircraft.toml",
+        "segments.json",
+        "points.csv",
+        "map.toml",
+    ):
         (tmp_path / file).touch()
     (tmp_path / "model").mkdir()
     return kept
@@ -53,7 +60,8 @@ def test_inspect(calls, capsys):
     [(_, args, named)] = calls
     assert args == (Path("flight.tlog"),)
     assert named == {
-        "aircraft": None, "vehicle": 3, "segments": None, "out": Path("flight-inspect"),
+        "aircraft": None, "vehicle": 3, "segments": None, "columns": None,
+        "out": Path("flight-inspect"),
     }  # fmt: skip
     assert capsys.readouterr().out == "streams\nflight-inspect/inspect.json\n"
 
@@ -66,7 +74,7 @@ def test_identify(calls, capsys):
     assert args == ((Path("flight.tlog"), Path("other.tlog")), Path("aircraft.toml"))
     assert named == {
         "prior": "none", "segments": Path("segments.json"), "vehicle": None, "stepwise": True,
-        "out": Path("result"),
+        "columns": None, "out": Path("result"),
     }  # fmt: skip
     assert capsys.readouterr().out == "identify: result/samples.parquet\n"
 
@@ -79,10 +87,14 @@ def test_identify_as_json(calls, capsys):
 
 
 def test_predict(calls, capsys):
-    assert entry.main(["predict", "flight.tlog", "--model", "model"]) == 0
+    arguments = ["flight.tlog", "--model", "model", "--columns", "map.toml"]
+    assert entry.main(["predict", *arguments]) == 0
     [(_, args, named)] = calls
     assert args == (Path("flight.tlog"), Path("model"))
-    assert named == {"vehicle": None, "segments": None, "out": Path("flight-predict")}
+    assert named == {
+        "vehicle": None, "segments": None, "columns": Path("map.toml"),
+        "out": Path("flight-predict"),
+    }  # fmt: skip
     assert capsys.readouterr().out == "predict: flight-predict/predictions.parquet\n"
 
 

@@ -10,7 +10,7 @@ from gcs_sysid.errors import RefusedError
 from gcs_sysid.offline.modes import AXES, DENSITY, axes_of, modes
 from gcs_sysid.offline.requirements import ask, check
 from gcs_sysid.reconstruct.airborne import airborne
-from gcs_sysid.recording import Vehicle
+from gcs_sysid.recording import NO_AUTOPILOT, Vehicle
 from tests.offline.made_aircraft import small
 from tests.reconstruct.made_flights import flight, without
 
@@ -99,6 +99,33 @@ def test_a_surface_whose_output_is_not_in_the_log_is_named_with_its_channel():
     assert refused(lost, small(aerodynamics=False)) == set(AXES["pitch"])
     reason = str(check(lost, small()).usable["Cm"])
     assert "`elevator` is not in the log: SERVO_OUTPUT_RAW has no servo2 (it has 1, 3, 4)" in reason
+
+
+def test_findings_that_rule_everything_out_together_are_told_together():
+    lost = without(FLIGHT, *(f"SERVO_OUTPUT_RAW.pwm_{channel}" for channel in (1, 2, 4)))
+    bare = small(aerodynamics=False)
+    with pytest.raises(RefusedError) as caught:
+        check(lost, bare).raise_if_unusable()
+    message = str(caught.value)
+    assert "`elevator` is not in the log" in message
+    assert "`aileron` is not in the log" in message or "`rudder` is not in the log" in message
+    assert message.count("check `[[servos]] channel`") == 1
+
+
+def test_commands_that_are_missing_altogether_name_the_controls():
+    reason = str(check(without(FLIGHT, "SERVO_OUTPUT_RAW"), small()).usable["Cm"])
+    assert "so nothing is known of aileron, elevator, rudder" in reason
+
+
+def test_a_table_is_asked_for_columns_not_for_messages():
+    table = replace(FLIGHT, vehicle=replace(FLIGHT.vehicle, autopilot=NO_AUTOPILOT))
+    assert ask(table, "RAW_IMU", 49.2) == (
+        "log acc_x to acc_z and p, q, r at 50 Hz and name the columns in the column map"
+    )
+    reason = str(check(without(table, "SERVO_OUTPUT_RAW.pwm_2"), small()).usable["Cm"])
+    assert "`elevator` is not in the table: the column map names no `pwm_2`" in reason
+    assert "add it to the column map" in reason
+    assert "MAVLink" not in reason
 
 
 def test_an_aircraft_that_never_flew_is_refused_with_how_fast_it_was():
