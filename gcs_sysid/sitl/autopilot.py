@@ -22,6 +22,9 @@ from gcs_sysid.sitl.slopes import GRAVITY, Slopes, Trim, slopes, thrust_at
 PERIOD = 0.02
 """Time between two runs of the control loops [s]."""
 
+HEADING_GAIN = 1.2
+"""Bank angle commanded per rad of heading error."""
+
 # Shares of 1/(lag + delay): a rate loop with 60° of phase left, and half and a quarter of that
 # for what is closed around it.
 _RATE = 0.3
@@ -190,7 +193,7 @@ def _pulse(servo: Servo, deflection: float) -> int:
 
 def _bank(sensed: Sensed, leg: Leg) -> float:
     error = math.remainder(leg.heading - sensed.psi, 2.0 * math.pi)
-    return _limit(1.2 * error, leg.bank)
+    return _limit(HEADING_GAIN * error, leg.bank)
 
 
 def _limit(value: float, limit: float) -> float:

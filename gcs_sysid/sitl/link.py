@@ -62,12 +62,13 @@ class Transmitter:
         self.sent += 1
         heapq.heappush(self._waiting, (unix_us, self.sent, message, reliable))
 
-    def arrived(self, until_us: float = math.inf) -> list[Frame]:
-        """What arrives up to a wall time [µs], each frame once, in order of arrival."""
-        while self._waiting and self._waiting[0][0] <= until_us:
+    def arrived(self, until_us: int | None = None) -> list[Frame]:
+        """What arrives up to a wall time [µs], or ever; each frame once, in order of arrival."""
+        end = math.inf if until_us is None else until_us
+        while self._waiting and self._waiting[0][0] <= end:
             self._transmit(*heapq.heappop(self._waiting))
         frames = []
-        while self._under_way and self._under_way[0][0] <= until_us:
+        while self._under_way and self._under_way[0][0] <= end:
             arrival_us, _, data = heapq.heappop(self._under_way)
             frames.append(Frame(arrival_us, data))
         return frames

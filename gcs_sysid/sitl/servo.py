@@ -11,7 +11,9 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from gcs_sysid.aircraft import Propulsion, Servo
+import numpy as np
+
+from gcs_sysid.aircraft import Aircraft, Propulsion, Servo
 
 
 def follow(
@@ -125,6 +127,24 @@ class Actuator:
         # Between two commands the shaft moves one way, so the play is exact at their ends.
         low, high = self._shaft - self._half_play, self._shaft + self._half_play
         self.position = min(max(self.position, low), high)
+
+
+def shares(aircraft: Aircraft, control: str) -> dict[str, float]:
+    """Deflection of each surface that moves one control by 1 and no other (pseudo-inverse)."""
+    surfaces = [servo.surface for servo in aircraft.servos]
+    mix = np.array([[c.mix.get(name, 0.0) for name in surfaces] for c in aircraft.controls])
+    column = np.linalg.pinv(mix)[:, aircraft.control_names.index(control)].tolist()
+    # What the inverse leaves of a zero is rounding.
+    return {name: share for name, share in zip(surfaces, column, strict=True) if abs(share) > 1e-9}
+
+
+def control_range(aircraft: Aircraft, control: str) -> float:
+    """How far a control goes both ways before the first of its surfaces stops [rad]."""
+    ends = {servo.surface: servo.deflection for servo in aircraft.servos}
+    return min(
+        min(abs(ends[name][0]), abs(ends[name][-1])) / abs(share)
+        for name, share in shares(aircraft, control).items()
+    )
 
 
 def surface(servo: Servo, *, start: float) -> Actuator:

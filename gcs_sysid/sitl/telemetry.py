@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -14,6 +15,9 @@ from gcs_sysid.sitl.sensors import Measurement
 from gcs_sysid.sitl.slopes import GRAVITY
 
 Message = mavlink.MAVLink_message
+
+Received = Any
+"""A message that was received: type checkers know no fields of a `Message`."""
 
 TICK_RATE = 50
 """Rate of the vehicle's main loop [Hz]; stream rates divide it."""
@@ -41,6 +45,9 @@ BOOT_BEFORE_RECORDING = 93.0
 AUTO_MODE = 10
 """Custom mode of an ArduPlane that flies its plan (AUTO)."""
 
+MANUAL_MODE = 0
+"""Custom mode of an ArduPlane that obeys the sticks (MANUAL)."""
+
 _SERVO_FUNCTIONS = {"aileron": 4, "elevator": 19, "rudder": 21, "flap": 2}
 """ArduPlane's SERVOn_FUNCTION by the first word of a surface's name."""
 _THROTTLE_FUNCTION = 70
@@ -48,6 +55,31 @@ _THROTTLE_FUNCTION = 70
 _CELLS = 3
 _FULL_CELL, _EMPTY_CELL, _CAPACITY_AH, _FULL_CURRENT = 4.15, 3.4, 3.2, 32.0
 """A small lithium battery [V, V, A·h, A at full throttle]: plausible numbers, no model."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the flight computer is about.
+
+    Attributes:
+        mode: custom mode of an ArduPlane.
+        armed: whether the motor may turn.
+        channels: pulses of the remote control from channel 1 [µs].
+        home: latitude, longitude [rad], height above sea level [m].
+        item: of the mission, flown now.
+        items: of the mission, home included.
+        heading: wanted [rad].
+        wind: estimate of the moving air, north and east [m/s].
+    """
+
+    mode: int = AUTO_MODE
+    armed: bool = True
+    channels: tuple[int, ...] = ()
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    item: int = 0
+    items: int = 1
+    heading: float = 0.0
+    wind: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -62,6 +94,7 @@ class Snapshot:
         throttle: commanded, 0 to 1.
         used: charge taken from the battery [A·h].
         late: by how much its time stamps are too late [s].
+        status: of the flight computer.
     """
 
     tick: int
@@ -71,6 +104,7 @@ class Snapshot:
     throttle: float = 0.0
     used: float = 0.0
     late: float = 0.0
+    status: Status = field(default_factory=Status)
 
     @property
     def boot_us(self) -> int:
@@ -86,6 +120,10 @@ class Snapshot:
     def unix_us(self) -> int:
         """Wall time [µs since 1970], as stamped."""
         return self.epoch_us + round(self.late * 1e6) + self.tick * TICK_US
+
+    def told_late(self, late: float) -> Snapshot:
+        """The same, told and stamped this much too late [s]."""
+        return replace(self, late=late) if late else self
 
 
 def current(throttle: float) -> float:
@@ -105,9 +143,8 @@ def messages(
     """
     for name, rate in RATES.items():
         if snapshot.tick % (TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
-            late = delays.get(name, 0.0) if delays else 0.0
-            told = replace(snapshot, late=late) if late else snapshot
-            yield told.unix_us, _BUILDERS[name](told)
+            told = snapshot.told_late(delays.get(name, 0.0) if delays else 0.0)
+            yield told.unix_us, BUILDERS[name](told)
 
 
 def parameters(aircraft: Aircraft) -> list[Message]:
@@ -155,17 +192,18 @@ def _output_parameters(
 
 
 def _heartbeat(snapshot: Snapshot) -> Message:
-    mode = (
-        mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-        | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-    )
+    mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    if snapshot.status.armed:
+        mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    if snapshot.status.mode >= AUTO_MODE:
+        mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+    if snapshot.status.mode == MANUAL_MODE:
+        mode ^= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_FIXED_WING,
         mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         mode,
-        AUTO_MODE,
+        snapshot.status.mode,
         mavlink.MAV_STATE_ACTIVE,
         3,
     )
@@ -188,8 +226,8 @@ def _attitude(snapshot: Snapshot) -> Message:
 
 def _raw_imu(snapshot: Snapshot) -> Message:
     measurement = snapshot.measurement
-    acceleration = [_int16(f / GRAVITY * 1e3) for f in measurement.specific_force]
-    rates = [_int16(rate * 1e3) for rate in measurement.rates]
+    acceleration = [int16(f / GRAVITY * 1e3) for f in measurement.specific_force]
+    rates = [int16(rate * 1e3) for rate in measurement.rates]
     return mavlink.MAVLink_raw_imu_message(
         snapshot.boot_us, *acceleration, *rates, 0, 0, 0, 0, 4500
     )
@@ -241,7 +279,7 @@ def _global_position_int(snapshot: Snapshot) -> Message:
         round(math.degrees(measurement.longitude) * 1e7),
         round(measurement.altitude * 1e3),
         round(measurement.height * 1e3),
-        *(_int16(v * 1e2) for v in measurement.velocity),
+        *(int16(v * 1e2) for v in measurement.velocity),
         round(math.degrees(measurement.attitude[2]) * 1e2) % 36000,
     )
 
@@ -263,7 +301,7 @@ def _battery_status(snapshot: Snapshot) -> Message:
     )
 
 
-_BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
+BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
     "SYSTEM_TIME": _system_time,
     "HEARTBEAT": _heartbeat,
     "BATTERY_STATUS": _battery_status,
@@ -277,5 +315,6 @@ _BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
 }
 
 
-def _int16(value: float) -> int:
+def int16(value: float) -> int:
+    """Rounded, and kept in the range of a 16 bit field."""
     return min(max(round(value), -32768), 32767)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import (
     Aircraft,
@@ -20,6 +18,7 @@ from gcs_sysid.aircraft import (
 from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.jsbsim_xml import Feel
+from gcs_sysid.sitl.servo import shares as servo_shares
 
 Rework = Callable[[Propulsion], Propulsion]
 
@@ -83,18 +82,9 @@ def add_table(aircraft: Aircraft, coefficient: str, table: TableTerm) -> Aircraf
     return replace(aircraft, aerodynamics=aerodynamics)
 
 
-def shares(aircraft: Aircraft, name: str) -> dict[str, float]:
-    """Deflection of each surface that moves one control by 1 and no other."""
-    surfaces = [servo.surface for servo in aircraft.servos]
-    mix = np.array([[c.mix.get(surface, 0.0) for surface in surfaces] for c in aircraft.controls])
-    column = np.linalg.pinv(mix)[:, aircraft.control_names.index(name)].tolist()
-    # What the inverse leaves of a zero is rounding.
-    return {s: share for s, share in zip(surfaces, column, strict=True) if abs(share) > 1e-9}
-
-
 def change_servos(flight: Flight, name: str, changed: Callable[[Servo, float], Servo]) -> Flight:
     """The flight with `changed(servo, share)` for each servo behind a control."""
-    by_surface = shares(flight.flown, name)
+    by_surface = servo_shares(flight.flown, name)
     servos = tuple(
         changed(servo, by_surface[servo.surface]) if servo.surface in by_surface else servo
         for servo in flight.flown.servos
