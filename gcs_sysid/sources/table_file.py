@@ -18,6 +18,7 @@ from jaxtyping import Float
 from pyarrow import csv, parquet
 
 from gcs_sysid.errors import SourceError
+from gcs_sysid.sources import mat_elements
 
 Column = Float[np.ndarray, " row"]
 LABELS = "_label"
@@ -101,7 +102,11 @@ def _numbers(column: pa.ChunkedArray) -> Column | None:
 
 
 def _mat(data: bytes) -> dict[str, Column | None]:
-    content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
+    mat_elements.check(data)
+    try:
+        content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
+    except TypeError as error:  # what SciPy raises where it expected another element
+        raise ValueError(str(error)) from error
     return dict(_flat({k: v for k, v in content.items() if not k.startswith("__")}, ""))
 
 

@@ -271,6 +271,25 @@ def test_damaged_files_are_told_in_one_line_or_read(tmp_path, suffix, data):
     assert "\n" not in opened_or_said(path, map_path)
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {896: 235, 176: 213},  # an unknown type of element
+        {2849: 220},  # a vector that says it is complex and is not
+    ],
+)
+def test_a_mat_file_that_would_crash_its_reader_is_told(tmp_path, damage):
+    """SciPy's reader ended the whole program on these bytes."""
+    damaged = bytearray(
+        write(columns(made_recording(count=30)), tmp_path / "flight.mat").read_bytes()
+    )
+    for place, value in damage.items():
+        damaged[place] = value
+    (tmp_path / "flight.mat").write_bytes(bytes(damaged))
+    with pytest.raises(SourceError, match=r"cannot be read as \.mat"):
+        open_recording(tmp_path / "flight.mat", columns=Path("unused.toml"))
+
+
 def test_a_matlab_7_3_file_says_how_to_save_it(tmp_path):
     path = tmp_path / "flight.mat"
     header = b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM"
