@@ -33,7 +33,9 @@ def check(data: bytes) -> None:
         zlib.error: a compressed one is.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:HEADER])
-    if order is None or 0 in data[:4]:
+    if order is None or 0 in data[:4]:  # version 4 has no such header, and no such tags
+        return
+    if 0x02 in data[124:126]:  # version 7.3, which is HDF5
         return
     for kind, content in _elements(data[HEADER:], order):
         if kind == COMPRESSED:
