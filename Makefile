@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench results docs lock clean
+.PHONY: setup demo flights test lint format bench results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -60,6 +60,9 @@ bench: setup
 results: BENCH = --save
 results: bench
 	@$(BIN)/python docs/results.py
+
+picture: demo
+	@$(BIN)/python docs/picture.py out/demo data/flights/demo_truth.json
 
 # Universal: one file for every platform and Python version, with a hash for each archive.
 lock:

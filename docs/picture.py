@@ -1,7 +1,8 @@
-"""Draws the README's picture: `python docs/picture.py RUN` with the folder `identify` wrote.
+"""Draws the README's picture: `python docs/picture.py RUN TRUTH`.
 
+RUN is the folder that `identify` wrote, TRUTH the record of what flew beside the bundled flight.
 Left: a coefficient on maneuvers held out of the fit, measured and predicted. Right: derivatives
-with their intervals beside the aircraft file's values.
+with their intervals, over the aircraft file's values, and what really flew.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ INTERVAL = 1.96  # sds on either side that hold 95 % of a normal distribution
 LONGEST = 30.0  # s of flight in the left panel
 
 
-def draw(run: Path, to: Path = PICTURE) -> None:
-    """Draws a run of `identify`."""
+def draw(run: Path, truth: Path, to: Path = PICTURE) -> None:
+    """Draws a run of `identify` on a flight whose truth is known."""
+    flown = json.loads(truth.read_text(encoding="utf-8"))["flown"]["aerodynamics"]
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     columns = parquet.read_table(run / "samples.parquet")
     samples = {name: columns[name].to_numpy() for name in columns.column_names}
@@ -36,7 +38,7 @@ def draw(run: Path, to: Path = PICTURE) -> None:
         1, 2, figsize=(9.0, 3.4), width_ratios=(3, 2), layout="constrained"
     )
     _history(history, samples)
-    _intervals(intervals, summary)
+    _intervals(intervals, summary, flown)
     figure.savefig(to, metadata={"Date": None})
 
 
@@ -61,22 +63,29 @@ def _history(axes: plt.Axes, samples: Mapping[str, np.ndarray]) -> None:
     axes.legend(loc="upper right", ncols=3, frameon=False)
 
 
-def _intervals(axes: plt.Axes, summary: Mapping) -> None:
+def _intervals(axes: plt.Axes, summary: Mapping, flown: Mapping) -> None:
     """Derivatives over the file's values: 1 means that flight and file agree."""
     found = summary["derivatives"]
     entries = [
-        (f"{coefficient}_{name}", found[coefficient][name])
+        (coefficient, name, found[coefficient][name])
         for coefficient, name in SHOWN
         if found.get(coefficient, {}).get(name, {}).get("file")
     ]
-    for row, (_, entry) in enumerate(entries):
-        value, half = entry["value"] / entry["file"], INTERVAL * entry["sd"] / abs(entry["file"])
-        axes.errorbar(value, row, xerr=half, fmt="o", ms=4, color="#08519c", capsize=2, lw=1)
+    rows = np.arange(len(entries))
+    file = np.array([entry["file"] for _, _, entry in entries])
+    value = np.array([entry["value"] for _, _, entry in entries]) / file
+    half = INTERVAL * np.array([entry["sd"] for _, _, entry in entries]) / np.abs(file)
+    truth = [flown.get(c, {}).get(name, entry["file"]) for c, name, entry in entries] / file
+    axes.errorbar(
+        value, rows, xerr=half, fmt="o", ms=4, color="#08519c", capsize=2, lw=1, label="found"
+    )
+    axes.plot(truth, rows, "x", color="#d94801", ms=6, label="flown")
     axes.axvline(1.0, color="#444444", lw=0.8)
-    axes.set_yticks(range(len(entries)), [name for name, _ in entries])
+    axes.set_yticks(rows, [f"{coefficient}_{name}" for coefficient, name, _ in entries])
     axes.invert_yaxis()
-    axes.set(xlabel="derivative over aircraft file's, 95 % interval", xlim=(-0.5, 2.5))
+    axes.set(xlabel="derivative over aircraft file's, 95 % interval", xlim=(0.0, 2.0))
+    axes.legend(loc="upper right", frameon=False)
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]))
+    draw(Path(sys.argv[1]), Path(sys.argv[2]))
