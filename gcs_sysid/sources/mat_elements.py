@@ -12,6 +12,8 @@ import zlib
 from collections.abc import Iterator
 
 HEADER = 128
+MAJOR_VERSION = 1
+"""Of MATLAB 5 to 7.2 files; 7.3 is HDF5 and says 2."""
 MATRIX = 14
 COMPRESSED = 15
 NUMERIC = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}
@@ -32,11 +34,12 @@ def check(data: bytes) -> None:
         ValueError: an element is damaged or cut.
         zlib.error: a compressed one is.
     """
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:HEADER])
-    if order is None or 0 in data[:4]:  # version 4 has no such header, and no such tags
+    if len(data) < HEADER or 0 in data[:4]:  # version 4 has no such header, and no such tags
         return
-    if 0x02 in data[124:126]:  # version 7.3, which is HDF5
+    # Version and byte order as SciPy takes them, or it would read what was not checked.
+    if data[125 if data[126:127] == b"I" else 124] != MAJOR_VERSION:
         return
+    order = "<" if data[126:HEADER] == b"IM" else ">"
     for kind, content in _elements(data[HEADER:], order):
         if kind == COMPRESSED:
             for inner, inflated in _elements(zlib.decompress(content), order):
