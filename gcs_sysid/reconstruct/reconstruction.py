@@ -176,18 +176,20 @@ def first_noise(data: FlightData) -> Noise:
         return float(np.sqrt(np.max(square) / step))
 
     accelerometer = white(data.accelerometer) if data.has_accelerometer else 3.0
+    # Of a type of their own, not a Python number's: else the smoother is compiled once more for
+    # the intensities that the flight gives.
     return Noise(
         gyro=jnp.asarray(np.hypot(white(data.gyro), 0.002)),
         accelerometer=jnp.asarray(np.hypot(accelerometer, 0.05)),
         gyro_change=jnp.asarray(change(data.gyro)),
         accelerometer_change=jnp.asarray(change(data.accelerometer)),
-        accelerometer_drift=jnp.asarray(1e-3),
-        gyro_drift=jnp.asarray(1e-5),
+        accelerometer_drift=jnp.asarray(1e-3, dtype=float),
+        gyro_drift=jnp.asarray(1e-5, dtype=float),
         wind_drift=jnp.asarray(np.array([0.05, 0.05, VERTICAL_DRIFT])),
         gust=jnp.asarray(np.array([1.0, 1.0, UNSEEN_VERTICAL_GUST])),
-        gust_time=jnp.asarray(GUST_TIME),
+        gust_time=jnp.asarray(GUST_TIME, dtype=float),
         attitude_error=jnp.asarray(np.deg2rad([1.0, 1.0, 3.0])),
-        attitude_error_time=jnp.asarray(20.0),
+        attitude_error_time=jnp.asarray(20.0, dtype=float),
         measured=jnp.asarray(MEASURED_NOISE),
     )
 

@@ -10,13 +10,14 @@ import functools
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from gcs_sysid import frames
 from gcs_sysid.reconstruct import measurements
-from gcs_sysid.reconstruct.reconstruction import Reconstruction, reconstruct
+from gcs_sysid.reconstruct.reconstruction import Reconstruction, first_noise, reconstruct
 from tests.reconstruct import kinematic_flights
 from tests.reconstruct.kinematic_flights import Errors, Flight, without
 
@@ -181,6 +182,14 @@ def test_without_accelerometer_bands_are_wider_and_still_hold() -> None:
     with_unit = flown(7).states
     own = np.sqrt(with_unit.flow_covariance[:, 1, 1]).mean()
     assert np.sqrt(states.flow_covariance[:, 1, 1]).mean() > own
+
+
+def test_first_and_refined_intensities_share_one_compilation() -> None:
+    """Weakly typed first guesses used to compile the smoother twice in every process."""
+    states = flown(5).states
+    first = jax.tree.leaves(first_noise(states.data))
+    refined = jax.tree.leaves(states.noise)
+    assert [one.aval for one in first] == [one.aval for one in refined]
 
 
 def test_what_the_file_says_of_a_sensor_sets_its_prior() -> None:
