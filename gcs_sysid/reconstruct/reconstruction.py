@@ -212,6 +212,9 @@ def first_state(
     if not data.has_accelerometer:
         deviation[BLOCKS["accelerometer_bias"]] = ABSENT
         deviation[BLOCKS["accelerometer_scale"]] = ABSENT
+        # Motion that was not measured tells no stream's lateness.
+        for name in ("airspeed_delay", "velocity_delay", "attitude_delay", "vane_delay"):
+            deviation[BLOCKS[name]] = ABSENT
     if "vanes" not in data.used:
         for name in ("vane_bias", "vane_scale", "vane_delay"):
             deviation[BLOCKS[name]] = ABSENT
