@@ -22,7 +22,7 @@ from gcs_sysid.recording import Recording, Stream, Vehicle
 
 ALTITUDE = 300.0
 DENSITY = float(atmosphere.density(np.array(ALTITUDE)))
-WIND_DRIFT = 0.05
+WIND_DRIFT = np.array([0.05, 0.05, 0.005])
 GUST_TIME = 3.0
 ATTITUDE_ERROR = np.deg2rad([1.0, 1.0, 3.0])
 ATTITUDE_ERROR_TIME = 20.0
