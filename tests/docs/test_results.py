@@ -26,6 +26,15 @@ def results():
 def test_the_readme_shows_the_kept_results(results):
     readme = results.README.read_text(encoding="utf-8")
     assert results.renewed(readme, results.block()) == readme, "run `make results`"
+    assert results.PAGE.read_text(encoding="utf-8") == results.page(), "run `make results`"
+
+
+def test_long_tables_are_kept_out_of_the_readme(results, tmp_path):
+    rows = [["x"]] * (results.LONGEST + 1)
+    document = {"title": "long", "columns": ["what"], "rows": rows}
+    (tmp_path / "long.json").write_text(json.dumps(document), encoding="utf-8")
+    assert "long" not in results.block(tmp_path)
+    assert "long" in results.page(tmp_path)
 
 
 def test_tables_become_markdown_in_the_order_of_their_names(results, tmp_path):
