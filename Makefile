@@ -37,7 +37,7 @@ flights: setup
 	@$(BIN)/gcs-sysid sitl --scenario replay/demo/scenario.toml
 
 test: setup
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --require-shared -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --require-shared
 
 lint: setup
 	@$(BIN)/ruff format --check .
