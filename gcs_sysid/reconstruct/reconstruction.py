@@ -269,9 +269,9 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
     """One round of expectation–maximisation: measurement noise, attitude error, gust intensity.
 
     The gust's is taken from its horizontal component along the flight path, which the pitot tube
-    sees; with vanes from all three components. Steps down of the slow processes are taken twice as
-    far: plain expectation–maximisation halves too large a gust once a round and needs many
-    (over-relaxed steps of up to twice the length still converge; Salakhutdinov & Roweis 2003).
+    sees; with vanes from all three components. Steps of the slow processes are taken twice as far:
+    plain expectation–maximisation halves too large a gust once a round and needs many (over-relaxed
+    steps of up to twice the length still converge; Salakhutdinov & Roweis 2003).
     """
     residual = np.where(
         np.isfinite(smoothed.residual),
@@ -294,8 +294,7 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
         level = np.sqrt(np.sum(second[:, :2] * ahead**2) / np.sum(ahead**2))
         vertical = UNSEEN_VERTICAL_GUST * level
     before = np.asarray(noise.gust)
-    level = min(level, level**2 / before[0])
-    vertical = min(vertical, vertical**2 / before[2])
+    level, vertical = level**2 / before[0], vertical**2 / before[2]
     slow = BLOCKS["attitude_error"]
     error = np.mean(smoothed.rest[:, slow] ** 2 + smoothed.deviation[:, slow] ** 2, axis=0)
     error = np.clip(error / np.asarray(noise.attitude_error), LEAST_ATTITUDE_ERROR, np.deg2rad(5.0))
