@@ -104,7 +104,13 @@ def _trust(summary: Mapping) -> Finding | None:
         return None
     low, high = min(shares.values()), max(shares.values())
     narrow = [name for name, share in shares.items() if share < 90.0]
-    verdict = f"{_listed(narrow)}: too sure of itself" if narrow else "intervals can be trusted"
+    wide = [name for name, share in shares.items() if share > 99.5]
+    if narrow:
+        verdict = f"{_listed(narrow)}: too sure of itself"
+    elif wide:
+        verdict = f"{_listed(wide)}: wider than this flight needs"
+    else:
+        verdict = "intervals can be trusted"
     return Finding(
         "Intervals",
         f"95 % bands hold {low:.0f} to {high:.0f} % of the measured samples: {verdict}.",

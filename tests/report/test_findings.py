@@ -41,7 +41,11 @@ def test_accuracy_is_listed_best_first(summary: dict) -> None:
 
 @pytest.mark.parametrize(
     ("shares", "words"),
-    [((0.94, 0.96), "intervals can be trusted"), ((0.62, 0.95), "CX: too sure of itself")],
+    [
+        ((0.94, 0.96), "intervals can be trusted"),
+        ((0.62, 0.95), "CX: too sure of itself"),
+        ((1.0, 0.95), "CX: wider than this flight needs"),
+    ],
 )
 def test_intervals_are_judged_by_what_they_hold(
     summary: dict, shares: tuple[float, float], words: str
