@@ -32,6 +32,14 @@ def coefficient(
     total = jnp.zeros_like(next(iter(values.values())))
     for key, value in model.terms.items():
         total = total + value.value * _regressor(key, values)
+    return total + tables_of(model, values)
+
+
+def tables_of(
+    model: CoefficientModel, values: Mapping[str, Float[ArrayLike, "*sample"]]
+) -> Float[Array, "*sample"]:
+    """What the tables of one coefficient add; arguments as for `coefficient`."""
+    total = jnp.zeros_like(next(iter(values.values())))
     for table in model.tables:
         total = total + _table(table, values)
     return total
