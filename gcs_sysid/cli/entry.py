@@ -14,7 +14,7 @@ import click
 
 from gcs_sysid.cli import failures, numerics
 
-COMMANDS = ("inspect", "identify", "predict", "evaluate", "listen", "replay", "sitl")
+COMMANDS = ("inspect", "identify", "predict", "evaluate", "listen", "replay", "sitl", "scenario")
 
 
 class Program(click.Group):

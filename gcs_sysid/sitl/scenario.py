@@ -15,13 +15,17 @@
 
     [[flights]]
     name = "first"
-    record = "first.tlog"
+    record = "first.tlog"        # optional: where the recording belongs
     truth = "first_truth.npz"    # optional, `truth_rate` rows a second
     seed = 1
     begins = 2026-10-03T09:12:00Z
     wind = { from = 250.0, speed = 4.0, gust = 0.5 }   # deg, m/s, m/s
     # without `legs` the standard flight
     legs = [{ name = "out", duration = 20, airspeed = 17, height = 120, heading = 0 }]
+
+    [[flights]]                  # or one that was recorded elsewhere
+    name = "second"
+    log = "second.tlog"
 
 Paths are relative to the scenario's folder, angles in degrees.
 """
@@ -57,7 +61,7 @@ class PlannedFlight:
 
     name: str
     flight: Flight
-    record: Path
+    record: Path | None = None
     truth: Path | None = None
     truth_rate: int = TICK_RATE
     told: Mapping[str, Any] = field(default_factory=dict)
@@ -65,12 +69,23 @@ class PlannedFlight:
 
 @dataclass(frozen=True)
 class Scenario:
-    """An aircraft as believed and as flown, effects not counted, and the flights it makes."""
+    """An aircraft as believed and as flown, effects not counted, and the flights it makes.
+
+    Attributes:
+        name: of the scenario.
+        aircraft: file of the aircraft as believed.
+        believed: what it holds.
+        flown: what flies.
+        flights: to be flown.
+        logs: recorded elsewhere, by name.
+    """
 
     name: str
+    aircraft: Path
     believed: Aircraft
     flown: Aircraft
     flights: tuple[PlannedFlight, ...]
+    logs: Mapping[str, Path] = field(default_factory=dict)
 
 
 def load(path: Path) -> Scenario:
@@ -85,18 +100,21 @@ def load(path: Path) -> Scenario:
     source = path.parent / top.text("aircraft")
     believed = aircraft_file.load(source)
     changes = top.child("flown")
-    entries = _merged(_document(source), changes.data if changes else {})
-    flown = aircraft_file.from_table(entries, name=f"{path}: [flown] over {source.name}")
-    flights = top.children("flights", name_key="name")
+    merged = _merged(_document(source), changes.data if changes else {})
+    flown = aircraft_file.from_table(merged, name=f"{path}: [flown] over {source.name}")
+    entries = top.children("flights", name_key="name")
+    flights = [entry for entry in entries if not entry.has("log")]
     effects = top.children("effects", name_key="name")
     told = {"flown": changes.data} if changes else {}
     return Scenario(
         name=top.text("name"),
+        aircraft=source,
         believed=believed,
         flown=flown,
         flights=tuple(
             hiding(_flight(entry, path.parent, believed, flown), effects, told) for entry in flights
         ),
+        logs=dict(_log(entry, path.parent) for entry in entries if entry.has("log")),
     )
 
 
@@ -145,10 +163,15 @@ def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -
             seed=entry.whole("seed", least=0),
             epoch_us=_time_us(entry, "begins"),
         ),
-        record=folder / entry.text("record"),
+        record=folder / entry.text("record") if entry.has("record") else None,
         truth=folder / entry.text("truth") if entry.has("truth") else None,
         truth_rate=entry.whole("truth_rate", least=1) if entry.has("truth_rate") else TICK_RATE,
     )
+
+
+def _log(entry: Section, folder: Path) -> tuple[str, Path]:
+    entry.allow_only("name", "log")
+    return entry.text("name"), folder / entry.text("log")
 
 
 def start(leg: Leg) -> Start:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gcs_sysid.cli import options, output
+from gcs_sysid.cli import needs, options, output
 from gcs_sysid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def command(
     The recording is what a ground station would have kept; the truth is known. With --link it is a
     vehicle that ground stations connect to.
     """
-    _need_jsbsim()
+    needs.jsbsim()
     if link is None and duration is not None:
         raise UsageError("--duration belongs to --link; a recording has its flight's length")
     if link is not None:
@@ -115,13 +115,6 @@ def command(
         flights = (_hiding(_standard(aircraft, record, truth, seed, wind, gust), effects),)
     flown = [_fly(planned) for planned in flights]
     output.show({"flights": flown}, _text(flown), as_json=as_json)
-
-
-def _need_jsbsim() -> None:
-    try:
-        import jsbsim  # noqa: F401 - only to see whether it is there
-    except ModuleNotFoundError as error:
-        raise UsageError("JSBSim is not installed; pip install 'gcs-sysid[sitl]'") from error
 
 
 def _standard(
@@ -187,6 +180,11 @@ def _fly_live(planned: PlannedFlight, link: str, duration: float | None) -> Mapp
 def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
     from gcs_sysid.sitl import record
 
+    if planned.record is None:
+        raise UsageError(
+            f"flight `{planned.name}` does not say where to `record` it; "
+            "`gcs-sysid scenario` flies it where it needs it"
+        )
     begun = time.perf_counter()
     duration = planned.flight.duration
     with output.progress(f"sitl {planned.name}") as progress:
