@@ -11,6 +11,7 @@ from gcs_sysid.sitl.jsbsim_xml import Feel, Separation
 from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Noise
+from gcs_sysid.sitl.telemetry import RATES
 
 EPOCH_US = 1_790_000_000_000_000
 """Wall time at which a recording begins unless its flight says otherwise: 21 September 2026. A
@@ -47,6 +48,8 @@ class Flight:
         start: where it begins.
         noise: of the sensors.
         link: the radio.
+        rates: of the messages of a recording [Hz]; each divides the tick rate.
+        reboot: when the flight computer restarts, if ever [s after the recording begins].
         seed: of everything random, 0 to 2³¹ - 1.
         epoch_us: wall time at which the recording begins [µs since 1970].
         hidden: what really happens beside `flown`.
@@ -59,6 +62,8 @@ class Flight:
     start: Start = field(default_factory=Start)
     noise: Noise = field(default_factory=Noise)
     link: Link = field(default_factory=Link)
+    rates: Mapping[str, int] = field(default_factory=lambda: RATES)
+    reboot: float | None = None
     seed: int = 0
     epoch_us: int = EPOCH_US
     hidden: Hidden = field(default_factory=Hidden)

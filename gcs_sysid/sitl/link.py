@@ -62,6 +62,10 @@ class Transmitter:
         self.sent += 1
         heapq.heappush(self._waiting, (unix_us, self.sent, message, reliable))
 
+    def restart(self) -> None:
+        """Number messages from zero again, as a sender does that was switched on."""
+        self._packer.seq = 0
+
     def arrived(self, until_us: int | None = None) -> list[Frame]:
         """What arrives up to a wall time [µs], or ever; each frame once, in order of arrival."""
         end = math.inf if until_us is None else until_us

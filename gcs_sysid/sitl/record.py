@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.errors import UsageError
-from gcs_sysid.sitl import telemetry
+from gcs_sysid.sitl import status, telemetry
 from gcs_sysid.sitl.autopilot import PERIOD, autopilot
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, signal
@@ -26,6 +27,9 @@ from gcs_sysid.sitl.vehicle import Vehicle, told_late
 SETTLE = 8.0
 """Flown before the recording begins, so that the autopilot finds the trim of what really flies [s].
 """
+
+RESTART = 2.0
+"""How long a flight computer that restarts tells nothing and leaves its outputs as they are [s]."""
 
 _STATE_COLUMNS = (
     *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
@@ -166,23 +170,50 @@ class _Recorder:
         self._autopilots = {flight.start.airspeed: pilot}
         self._memory = pilot.settled(trim(flight.believed, flight.start.airspeed))
         self._used = 0.0
+        self._pulses: Mapping[int, int] = {}
+        self._booted = -telemetry.BOOT_BEFORE_RECORDING
         self._rows: list[list[float]] = []
 
     def tick(self, tick: int, leg: Leg, added: Mapping[str, float]) -> None:
         """Sense, command, send, then move on by one period."""
         state, measurement = self._vehicle.sense()
+        if tick >= 0:
+            self._rows.append(self._truth_row(tick, state))
+        if not self._restarting(tick):
+            self._work(tick, measurement, leg, added)
+        self._vehicle.move(self._pulses)
+
+    def _work(
+        self, tick: int, measurement: Measurement, leg: Leg, added: Mapping[str, float]
+    ) -> None:
         commands = self._command(measurement, leg, added)
-        pulses = self._vehicle.mixer.pulses(commands)
+        self._pulses = self._vehicle.mixer.pulses(commands)
         power = min(max(commands[THROTTLE], 0.0), 1.0)
         self._used += telemetry.current(power) * PERIOD / 3600.0
         if tick >= 0:
-            self._rows.append(self._truth_row(tick, state))
             self._send(
                 telemetry.Snapshot(
-                    tick, self._flight.epoch_us, measurement, pulses, power, self._used
+                    tick,
+                    self._flight.epoch_us,
+                    measurement,
+                    self._pulses,
+                    power,
+                    self._used,
+                    booted=self._booted,
                 )
             )
-        self._vehicle.move(pulses)
+
+    def _restarting(self, tick: int) -> bool:
+        """Whether the flight computer is down; it forgets what it was about."""
+        since = tick * PERIOD - (math.inf if self._flight.reboot is None else self._flight.reboot)
+        if not 0.0 <= since < RESTART:
+            return False
+        if self._booted < 0.0:
+            self._booted = tick * PERIOD
+            self._transmitter.restart()
+            believed, airspeed = self._flight.believed, self._flight.start.airspeed
+            self._memory = self._autopilots[airspeed].settled(trim(believed, airspeed))
+        return True
 
     def connect(self) -> None:
         """Send what a ground station asks for when it connects."""
@@ -221,8 +252,10 @@ class _Recorder:
 
     def _send(self, snapshot: telemetry.Snapshot) -> None:
         vanes = self._flight.flown.vanes is not None
-        for unix_us, message in telemetry.messages(snapshot, vanes=vanes, delays=self._delays):
-            self._transmitter.send(message, unix_us)
+        for name, rate in self._flight.rates.items():
+            if snapshot.tick % (telemetry.TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
+                told = snapshot.told_late(self._delays.get(name, 0.0))
+                self._transmitter.send(status.BUILDERS[name](told), told.unix_us)
 
     def _truth_row(self, tick: int, state: State) -> list[float]:
         return [

@@ -20,6 +20,12 @@
     seed = 1
     begins = 2026-10-03T09:12:00Z
     wind = { from = 250.0, speed = 4.0, gust = 0.5 }   # deg, m/s, m/s
+    # optional, with these defaults: radio [s, s, 1], rates of messages [Hz, 0 for none], noise of
+    # the sensors (see `Noise`), and when the flight computer restarts in flight [s]
+    link = { latency = 0.004, jitter = 0.002, loss = 0.01 }
+    rates = { ATTITUDE = 50, VFR_HUD = 25 }
+    noise = { gyro = 0.004 }
+    # reboot = 60
     # without `legs` the standard flight
     legs = [{ name = "out", duration = 20, airspeed = 17, height = 120, heading = 0 }]
 
@@ -35,22 +41,26 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.aircraft_toml.section import Section, describe
 from gcs_sysid.errors import InputError
-from gcs_sysid.sitl import plan
+from gcs_sysid.sitl import plan, status
 from gcs_sysid.sitl.effects import catalogue
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import KINDS, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
+from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.telemetry import TICK_RATE
+from gcs_sysid.sitl.sensors import Noise
+from gcs_sysid.sitl.telemetry import RATES, TICK_RATE
+
+Parts = TypeVar("Parts", Noise, Link)
 
 _INPUT_KEYS = ("control", "kind", "start", "duration", "amplitude", "amplitude_deg", "lines")
 
@@ -149,6 +159,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -> PlannedFlight:
     entry.allow_only(
         *("name", "record", "truth", "truth_rate", "seed", "begins", "wind", "legs"),
+        *("link", "rates", "noise", "reboot"),
     )
     legs = tuple(_leg(leg) for leg in entry.children("legs", name_key="name"))
     legs = legs or plan.standard(believed)
@@ -159,6 +170,10 @@ def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -
             flown=flown,
             legs=legs,
             wind=_wind(entry.child("wind")),
+            noise=_numbers(entry.child("noise"), Noise()),
+            link=_numbers(entry.child("link"), Link()),
+            rates=_rates(entry.child("rates")),
+            reboot=entry.optional_number("reboot", "s", least=0.0),
             start=start(legs[0]),
             seed=entry.whole("seed", least=0),
             epoch_us=_time_us(entry, "begins"),
@@ -167,6 +182,31 @@ def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -
         truth=folder / entry.text("truth") if entry.has("truth") else None,
         truth_rate=entry.whole("truth_rate", least=1) if entry.has("truth_rate") else TICK_RATE,
     )
+
+
+def _numbers(entry: Section | None, usual: Parts) -> Parts:
+    """A record of numbers from zero, with the entries of the file for its own."""
+    if entry is None:
+        return usual
+    entry.allow_only(*(part.name for part in fields(usual)))
+    return replace(usual, **{key: entry.number(key, "1", least=0.0) for key in entry.data})
+
+
+def _rates(entry: Section | None) -> Mapping[str, int]:
+    """Message rates of a recording, those of a good link where the file says nothing."""
+    if entry is None:
+        return RATES
+    entry.allow_only(*status.BUILDERS)
+    rates = {**RATES, **{name: entry.whole(name, least=0) for name in entry.data}}
+    for name, rate in rates.items():
+        if rate and TICK_RATE % rate:
+            raise entry.error(
+                name,
+                found=f"{rate} Hz",
+                allowed=f"a divisor of {TICK_RATE} Hz, the rate of the main loop, or 0",
+                fix="take the nearest of these",
+            )
+    return {name: rate for name, rate in rates.items() if rate}
 
 
 def _log(entry: Section, folder: Path) -> tuple[str, Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,7 +37,7 @@ RATES: Mapping[str, int] = {
     "AOA_SSA": 25,
     "GLOBAL_POSITION_INT": 10,
 }
-"""Message rates [Hz] that a ground station asks for on a good link."""
+"""Message rates [Hz] that a ground station asks for on a good link; each divides the tick rate."""
 
 BOOT_BEFORE_RECORDING = 93.0
 """How long the vehicle has been switched on when the recording begins [s]."""
@@ -94,6 +94,7 @@ class Snapshot:
         throttle: commanded, 0 to 1.
         used: charge taken from the battery [A·h].
         late: by how much its time stamps are too late [s].
+        booted: when the flight computer was switched on [s after the recording began].
         status: of the flight computer.
     """
 
@@ -104,12 +105,13 @@ class Snapshot:
     throttle: float = 0.0
     used: float = 0.0
     late: float = 0.0
+    booted: float = -BOOT_BEFORE_RECORDING
     status: Status = field(default_factory=Status)
 
     @property
     def boot_us(self) -> int:
         """Time since boot [µs], as stamped."""
-        return round((BOOT_BEFORE_RECORDING + self.late) * 1e6) + self.tick * TICK_US
+        return round((self.late - self.booted) * 1e6) + self.tick * TICK_US
 
     @property
     def boot_ms(self) -> int:
@@ -129,22 +131,6 @@ class Snapshot:
 def current(throttle: float) -> float:
     """Battery current at a throttle setting [A]."""
     return 0.6 + _FULL_CURRENT * throttle**2
-
-
-def messages(
-    snapshot: Snapshot, *, vanes: bool, delays: Mapping[str, float] | None = None
-) -> Iterable[tuple[int, Message]]:
-    """The messages due at a tick in the order in which they are made, each with its wall time [µs].
-
-    Args:
-        snapshot: of the tick.
-        vanes: whether there are flow angles to tell.
-        delays: what a message type says is told, and stamped, this much too late [s].
-    """
-    for name, rate in RATES.items():
-        if snapshot.tick % (TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
-            told = snapshot.told_late(delays.get(name, 0.0) if delays else 0.0)
-            yield told.unix_us, BUILDERS[name](told)
 
 
 def parameters(aircraft: Aircraft) -> list[Message]:

@@ -159,6 +159,37 @@ def test_the_same_seed_gives_the_same_file_and_another_does_not(flight, flown):
     assert np.std(other.truth.column("wind_down") - flown.truth.column("wind_down")[:150]) > 0.05
 
 
+def test_a_restart_in_flight_starts_time_and_numbers_anew(flight, tmp_path):
+    legs = (dataclasses.replace(flight.legs[0], duration=6.0, inputs=()),)
+    calm = dataclasses.replace(flight, legs=legs, wind=Wind(), link=SURE)
+    flown = record.fly(dataclasses.replace(calm, reboot=2.0))
+    found = messages(tlog(flown.frames), tmp_path)
+    imu = [m for m in found if m.get_type() == "RAW_IMU"]
+    assert len(imu) == 50 * 4
+    # 93 s after it was switched on the recording begins; the restart takes two seconds.
+    assert [m.time_usec for m in imu[:2]] == [93_000_000, 93_020_000]
+    assert [m.time_usec for m in imu[99:102]] == [94_980_000, 2_000_000, 2_020_000]
+    after = [m for m in found if m._timestamp > imu[100]._timestamp - 0.005]
+    assert min(m.get_seq() for m in after[:8]) == 0
+    stamps = [m for m in found if m.get_type() == "SYSTEM_TIME"]
+    assert stamps[-1].time_unix_usec - stamps[0].time_unix_usec == 5_000_000
+    assert stamps[-1].time_boot_ms == 3_000
+    # The outputs stay as they are, and the aircraft flies on.
+    truth = flown.truth
+    assert len(truth.rows) == 300
+    assert np.ptp(truth.column("elevator")[110:200]) < 1e-9
+    assert abs(truth.column("V")[-1] - 17.0) < 1.0
+
+
+def test_messages_are_those_asked_for(flight, tmp_path):
+    legs = (dataclasses.replace(flight.legs[0], duration=3.0),)
+    rates = {"HIGHRES_IMU": 25, "ATTITUDE": 5}
+    flown = record.fly(dataclasses.replace(flight, legs=legs, link=SURE, rates=rates))
+    counts = Counter(m.get_type() for m in messages(tlog(flown.frames), tmp_path))
+    assert counts.keys() == {*rates, "PARAM_VALUE", "STATUSTEXT"}
+    assert (counts["HIGHRES_IMU"], counts["ATTITUDE"]) == (75, 15)
+
+
 def test_level_flight_is_the_trim_of_the_derivatives():
     """In calm air alpha, elevator and thrust solve the equilibrium of the file's polynomials."""
     aircraft = dataclasses.replace(examples.ultra_stick(), vanes=None)

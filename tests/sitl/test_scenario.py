@@ -10,6 +10,9 @@ import pytest
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import AircraftFileError, InputError
 from gcs_sysid.sitl import scenario
+from gcs_sysid.sitl.link import Link
+from gcs_sysid.sitl.sensors import Noise
+from gcs_sysid.sitl.telemetry import RATES
 from tests.sitl import examples
 
 DEMO = examples.ROOT / "replay" / "demo"
@@ -88,9 +91,38 @@ def test_without_legs_it_is_the_standard_flight(tmp_path):
     assert planned.flight.duration > 240.0
 
 
+def test_radio_rates_noise_and_a_restart_are_read(tmp_path):
+    more = """
+link = { loss = 0.1 }
+rates = { RAW_IMU = 0, HIGHRES_IMU = 25 }
+noise = { gyro = 0.01 }
+reboot = 1.5
+begins ="""
+    [planned] = scenario.load(written(tmp_path, TEXT.replace("\nbegins =", more))).flights
+    flight = planned.flight
+    assert flight.link == Link(loss=0.1)
+    assert flight.noise == Noise(gyro=0.01)
+    assert flight.reboot == 1.5
+    assert flight.rates == {
+        **{name: rate for name, rate in RATES.items() if name != "RAW_IMU"},
+        "HIGHRES_IMU": 25,
+    }
+
+
+def test_a_recorded_flight_is_named(tmp_path):
+    text = TEXT + '\n[[flights]]\nname = "two"\nlog = "two.tlog"\n'
+    found = scenario.load(written(tmp_path, text))
+    assert found.logs == {"two": tmp_path / "two.tlog"}
+    assert [planned.name for planned in found.flights] == ["one"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ("seed = 3", "seed = 3\nrates = { ATTITUDE = 4 }", "a divisor of 50 Hz"),
+        ("seed = 3", "seed = 3\nrates = { ATTITUD = 5 }", "did you mean `ATTITUDE`"),
+        ("seed = 3", "seed = 3\nnoise = { gryo = 1 }", "did you mean `gyro`"),
+        ("seed = 3", "seed = 3\nlink = { loss = -0.1 }", "from 0"),
         ("seed = 3", "sede = 3", r"flights\[0\].sede.*did you mean `seed`"),
         ("alpha = -0.5", "alhpa = -0.5", "alhpa"),
         ('kind = "doublet"', 'kind = "triplet"', "multistep"),
