@@ -18,6 +18,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
 from gcs_sysid.live.intensities import Intensities
 from gcs_sysid.live.rows import NEEDED, Row
+from gcs_sysid.model.kinematic_jacobians import flow_sensitivity
 from gcs_sysid.model.kinematics import (
     BLOCKS,
     MEASURED,
@@ -26,7 +27,6 @@ from gcs_sysid.model.kinematics import (
     Measurements,
     Noise,
     State,
-    compose,
     corrected,
     flow,
 )
@@ -80,14 +80,9 @@ def _described(
     reference: Float[Array, " axis"],
 ) -> tuple[Array, Array, Imu]:
     """Flow at the centre of gravity, its covariance, and the inertial sample without errors."""
-
-    def of_error(error: Float[Array, " state"]) -> Float[Array, " three"]:
-        return flow(compose(state, error), imu, reference)
-
-    zero = jnp.zeros(SIZE)
-    sensitivity = jax.jacfwd(of_error)(zero)
+    sensitivity = flow_sensitivity(state, imu, reference)
     spread = sensitivity @ covariance @ sensitivity.T
-    return of_error(zero), spread, corrected(imu, state.rest)
+    return flow(state, imu, reference), spread, corrected(imu, state.rest)
 
 
 class LiveFilter:

@@ -202,18 +202,6 @@ def process_covariance(step: Float[Array, ""], noise: Noise) -> Float[Array, " s
     )
 
 
-def transition(
-    state: State, before: Imu, after: Imu, step: Float[Array, ""], noise: Noise
-) -> tuple[State, Float[Array, "state state"]]:
-    """Propagated state and the Jacobian of its error with respect to the error before."""
-    ahead = propagate(state, before, after, step, noise)
-
-    def error_ahead(error: Float[Array, " state"]) -> Float[Array, " state"]:
-        return difference(propagate(compose(state, error), before, after, step, noise), ahead)
-
-    return ahead, jax.jacfwd(error_ahead)(jnp.zeros(SIZE))
-
-
 def air_velocity(
     state: State, rate: Float[Array, " axis"], lever: Float[Array, " axis"]
 ) -> Float[Array, " axis"]:
@@ -222,7 +210,7 @@ def air_velocity(
     return frames.unrotate(state.attitude, through_air) + frames.cross(rate, lever)
 
 
-def _shifted(state: State, imu: Imu, shift: Float[Array, ""]) -> State:
+def shifted(state: State, imu: Imu, shift: Float[Array, ""]) -> State:
     """State `shift` seconds away, to first order in the shift."""
     rate, force = corrected(imu, state.rest)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
@@ -264,7 +252,7 @@ def innovation(
     rate = corrected(imu, rest).gyro
 
     def at(group: int, delay: str) -> State:
-        return _shifted(state, imu, measured.age[group] - part(rest, delay)[0])
+        return shifted(state, imu, measured.age[group] - part(rest, delay)[0])
 
     scales = jnp.concatenate([part(rest, "airspeed_scale"), part(rest, "vane_scale")])
     speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
@@ -277,18 +265,6 @@ def innovation(
     angles = _indicated(at(3, "vane_delay"), rate, levers.vanes, scales)[1:]
     vanes = measured.vanes - angles - part(rest, "vane_bias")
     return jnp.concatenate([airspeed, velocity, attitude, vanes])
-
-
-def linearised(
-    state: State, imu: Imu, measured: Measurements, levers: Levers
-) -> tuple[Float[Array, " row"], Float[Array, "row state"]]:
-    """Innovation and the Jacobian of the expected measurement (minus that of the innovation)."""
-
-    def of_error(error: Float[Array, " state"]) -> Float[Array, " row"]:
-        return innovation(compose(state, error), imu, measured, levers)
-
-    zero = jnp.zeros(SIZE)
-    return of_error(zero), -jax.jacfwd(of_error)(zero)
 
 
 def flow(state: State, imu: Imu, lever: Float[Array, " axis"]) -> Float[Array, " three"]:

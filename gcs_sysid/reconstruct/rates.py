@@ -27,6 +27,8 @@ BLOCK = 4096
 """Flights are padded to whole blocks, so that few lengths are ever compiled."""
 WINDOW = 128
 """So many samples or fewer are padded to this many: what a live run looks at."""
+SIGNALS = 4
+"""So many signals are smoothed at a time: one width is compiled."""
 
 
 class Smooth(NamedTuple):
@@ -200,10 +202,14 @@ def smooth(
     ratio: float,
 ) -> Smooth:
     """Applies the smoother of a given ratio to any signals on the same clock."""
-    step, values, weight = _padded(time, signal)
-    moments, variances = _smooth(step, values, weight, jnp.asarray(ratio))
-    count = time.size
-    mean = np.asarray(moments)[:count]
+    count, width = signal.shape
+    padded = np.pad(signal, ((0, 0), (0, -width % SIGNALS)))
+    means = []
+    for first in range(0, width, SIGNALS):
+        step, values, weight = _padded(time, padded[:, first : first + SIGNALS])
+        moments, variances = _smooth(step, values, weight, jnp.asarray(ratio))
+        means.append(np.asarray(moments)[:count])
+    mean = np.concatenate(means, axis=2)[:, :, :width]
     gain = np.sqrt(np.maximum(np.asarray(variances)[:count], 0.0))
     return Smooth(mean[:, 0], mean[:, 1], gain[:, 0], gain[:, 1])
 

@@ -28,7 +28,7 @@ from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.smoother import CHUNK, Inputs, Smoothed, smooth
 
 ROUNDS = 2
-SAMPLE_ROWS = 6 * CHUNK
+SAMPLE_ROWS = 24 * CHUNK
 """Rows of the flight's middle on which the noise intensities are found."""
 
 MEASURED_NOISE = np.array([0.6, 0.3, 0.3, 0.3, 0.01, 0.01, 0.02, 0.01, 0.01])

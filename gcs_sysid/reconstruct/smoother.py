@@ -1,6 +1,6 @@
 """The kinematic filter and its fixed-interval smoother over a whole flight, inside `lax.scan`.
 
-Forward: the equations of `kinematic_ekf`. Backward: Rauch–Tung–Striebel in the error state,
+Forward: the equations of the live filter. Backward: Rauch–Tung–Striebel in the error state,
 x_s(k) = x_f(k) ⊞ G [x_s(k+1) ⊟ x_p(k+1)], G = P_f Fᵀ P_p⁻¹ (Särkkä, *Bayesian Filtering and
 Smoothing*, 2013, algorithm 9.1). The flight is cut into chunks of fixed length: one compilation
 serves flights of any length, and since the backward run repeats the forward run of its chunk,
@@ -17,9 +17,14 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.frames import Array
+from gcs_sysid.model.kinematic_jacobians import (
+    Transition,
+    flow_sensitivity,
+    linearised,
+    transition,
+)
 from gcs_sysid.model.kinematics import (
     MEASURED,
-    SIZE,
     Imu,
     Levers,
     Measurements,
@@ -28,13 +33,12 @@ from gcs_sysid.model.kinematics import (
     compose,
     difference,
     flow,
-    linearised,
     process_covariance,
-    transition,
 )
-from gcs_sysid.reconstruct.kinematic_ekf import observation
+from gcs_sysid.reconstruct.observation import observation
 
-CHUNK = 1024
+CHUNK = 256
+"""Rows at a time: their covariances, 5 MB, stay in the processor's cache."""
 
 
 class Inputs(NamedTuple):
@@ -86,9 +90,9 @@ class _Belief(NamedTuple):
     covariance: Float[Array, "state state"]
 
 
-def _predict(belief: _Belief, row: Inputs, noise: Noise) -> tuple[_Belief, Float[Array, "s s"]]:
+def _predict(belief: _Belief, row: Inputs, noise: Noise) -> tuple[_Belief, Transition]:
     ahead, jacobian = transition(belief.state, row.before, row.after, row.step, noise)
-    spread = jacobian @ belief.covariance @ jacobian.T
+    spread = jacobian.carried(belief.covariance)
     return _Belief(ahead, spread + jnp.diag(process_covariance(row.step, noise))), jacobian
 
 
@@ -98,11 +102,12 @@ def _update(
     residual, jacobian, variance, nis = observation(
         belief.state, belief.covariance, row.after, row.measured, levers, noise
     )
-    spread = jacobian @ belief.covariance @ jacobian.T + jnp.diag(variance)
-    factor = jax.scipy.linalg.cho_factor(spread)
-    gain = jax.scipy.linalg.cho_solve(factor, jacobian @ belief.covariance).T
-    kept = jnp.eye(SIZE) - gain @ jacobian
-    covariance = kept @ belief.covariance @ kept.T + (gain * variance[None, :]) @ gain.T
+    seen = jacobian @ belief.covariance
+    spread = seen @ jacobian.T + jnp.diag(variance)
+    gain = jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(spread), seen).T
+    # Joseph's form multiplied out: K is thin, so that no product of two square matrices is needed.
+    taken = gain @ (seen - 0.5 * spread @ gain.T)
+    covariance = belief.covariance - taken - taken.T
     state = compose(belief.state, gain @ residual)
     return _Belief(state, covariance), (residual, jnp.sqrt(jnp.diagonal(spread)), nis)
 
@@ -131,44 +136,40 @@ def _backward(
 ) -> tuple[_Belief, Any]:
     """Smoothed start of a chunk from its smoothed end, and the smoothed samples in between."""
 
-    def ahead(belief: _Belief, row: Inputs) -> tuple[_Belief, tuple[_Belief, _Belief, Array]]:
+    def ahead(belief: _Belief, row: Inputs) -> tuple[_Belief, tuple[_Belief, _Belief, Transition]]:
         predicted, jacobian = _predict(belief, row, noise)
         updated, _ = _update(predicted, row, levers, noise)
         return updated, (belief, predicted, jacobian)
 
-    def back(later: _Belief, item: tuple[_Belief, _Belief, Array, Inputs]) -> tuple[_Belief, Any]:
-        filtered, predicted, jacobian, row = item
-        seen = _describe(later, row, levers, reference)
+    def back(later: _Belief, item: tuple[_Belief, _Belief, Transition]) -> tuple[_Belief, _Belief]:
+        filtered, predicted, jacobian = item
         gain = jax.scipy.linalg.cho_solve(
-            jax.scipy.linalg.cho_factor(predicted.covariance), jacobian @ filtered.covariance
+            jax.scipy.linalg.cho_factor(predicted.covariance), jacobian.times(filtered.covariance)
         ).T
         state = compose(filtered.state, gain @ difference(later.state, predicted.state))
         covariance = filtered.covariance + gain @ (later.covariance - predicted.covariance) @ gain.T
-        return _Belief(state, 0.5 * (covariance + covariance.T)), seen
+        return _Belief(state, 0.5 * (covariance + covariance.T)), later
 
-    _, (filtered, predicted, jacobian) = jax.lax.scan(ahead, start, rows)
-    return jax.lax.scan(back, end, (filtered, predicted, jacobian, rows), reverse=True)
+    _, filtered = jax.lax.scan(ahead, start, rows)
+    before, smoothed = jax.lax.scan(back, end, filtered, reverse=True)
+    describe = jax.vmap(_describe, in_axes=(0, 0, None, None))
+    return before, describe(smoothed, rows, levers, reference)
 
 
 def _describe(
     belief: _Belief, row: Inputs, levers: Levers, reference: Float[Array, " axis"]
 ) -> tuple[Array, ...]:
     """What is kept of a smoothed sample."""
-
-    def of_error(error: Float[Array, " state"]) -> Float[Array, " three"]:
-        return flow(compose(belief.state, error), row.after, reference)
-
-    zero = jnp.zeros(SIZE)
-    sensitivity = jax.jacfwd(of_error)(zero)
+    sensitivity = flow_sensitivity(belief.state, row.after, reference)
     residual, jacobian = linearised(belief.state, row.after, row.measured, levers)
     return (
         belief.state.attitude,
         belief.state.rest,
         jnp.sqrt(jnp.maximum(jnp.diagonal(belief.covariance), 0.0)),
-        of_error(zero),
+        flow(belief.state, row.after, reference),
         sensitivity @ belief.covariance @ sensitivity.T,
         residual,
-        jnp.einsum("rs,st,rt->r", jacobian, belief.covariance, jacobian),
+        jnp.sum((jacobian @ belief.covariance) * jacobian, axis=1),
     )
 
 

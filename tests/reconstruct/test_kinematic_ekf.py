@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gcs_sysid.model.kinematics import BLOCKS, MEASURED, SIZE
-from gcs_sysid.reconstruct.kinematic_ekf import NIS_LIMIT, KinematicFilter
+from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
+from gcs_sysid.reconstruct.observation import NIS_LIMIT
 from tests.reconstruct.filtered_example import OUTLIER, ROWS, example, row, smoothed
 
 
