@@ -53,7 +53,7 @@ class Transmitter:
         self._link = link
         self._generator = generator
         self._packer = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._waiting: list[tuple[int, int, Message, bool]] = []
+        self._waiting: list[tuple[int, int, Message | None, bool]] = []
         self._under_way: list[tuple[int, int, bytes]] = []
         self.sent = 0
 
@@ -62,9 +62,9 @@ class Transmitter:
         self.sent += 1
         heapq.heappush(self._waiting, (unix_us, self.sent, message, reliable))
 
-    def restart(self) -> None:
-        """Number messages from zero again, as a sender does that was switched on."""
-        self._packer.seq = 0
+    def restart(self, unix_us: int) -> None:
+        """Number messages from zero from a wall time on [µs], as a sender just switched on does."""
+        heapq.heappush(self._waiting, (unix_us, -1, None, False))
 
     def arrived(self, until_us: int | None = None) -> list[Frame]:
         """What arrives up to a wall time [µs], or ever; each frame once, in order of arrival."""
@@ -77,7 +77,10 @@ class Transmitter:
             frames.append(Frame(arrival_us, data))
         return frames
 
-    def _transmit(self, unix_us: int, order: int, message: Message, reliable: bool) -> None:
+    def _transmit(self, unix_us: int, order: int, message: Message | None, reliable: bool) -> None:
+        if message is None:
+            self._packer.seq = 0
+            return
         data = bytes(message.pack(self._packer))
         self._packer.seq = (self._packer.seq + 1) % 256
         luck, late = self._generator.random(), self._generator.standard_exponential()

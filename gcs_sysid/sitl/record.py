@@ -210,7 +210,7 @@ class _Recorder:
             return False
         if self._booted < 0.0:
             self._booted = tick * PERIOD
-            self._transmitter.restart()
+            self._transmitter.restart(self._flight.epoch_us + tick * telemetry.TICK_US)
             believed, airspeed = self._flight.believed, self._flight.start.airspeed
             self._memory = self._autopilots[airspeed].settled(trim(believed, airspeed))
         return True
