@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_sysid.aircraft import Aircraft, Servo
+from gcs_sysid.sitl.coupling import Rates
 from gcs_sysid.sitl.inputs import THROTTLE
 from gcs_sysid.sitl.plan import Leg
-from gcs_sysid.sitl.servo import interpolate
-from gcs_sysid.sitl.slopes import GRAVITY, Slopes, Trim, slopes, thrust_at
+from gcs_sysid.sitl.servo import control_range, interpolate
+from gcs_sysid.sitl.slopes import GRAVITY, Slopes, Trim, slopes, thrust_at, trim
 
 PERIOD = 0.02
 """Time between two runs of the control loops [s]."""
@@ -30,6 +31,10 @@ HEADING_GAIN = 1.2
 _RATE = 0.3
 _RATE_INTEGRAL = 0.25
 _ATTITUDE = 0.15
+
+_ROLL_RATE = math.radians(60.0)
+# Of the steady roll rate at full deflection: the rest is for gusts and for stopping.
+_ROLL_SHARE = 0.35
 
 
 @dataclass(frozen=True)
@@ -59,17 +64,32 @@ class Memory:
 
 @dataclass(frozen=True)
 class Autopilot:
-    """An autopilot for one aircraft on one leg; build with `autopilot`."""
+    """An autopilot for one aircraft on one leg; build with `autopilot`.
+
+    Attributes:
+        slope: what the aircraft answers.
+        bandwidth: what its servos allow [rad/s].
+        mass: [kg].
+        thrust_slope: by throttle [N].
+        roll_rate: fastest to be commanded [rad/s].
+        bank: of level flight [rad], none with a plane of symmetry.
+        roll: that the controls must hold in level flight [rad/s²], none with a plane of symmetry.
+        yaw: likewise.
+    """
 
     slope: Slopes
     bandwidth: float
     mass: float
     thrust_slope: float
+    roll_rate: float
+    bank: float = 0.0
+    roll: float = 0.0
+    yaw: float = 0.0
 
     def settled(self, trim: Trim) -> Memory:
         """The integrators as they stand when the aircraft flies level."""
         return Memory(
-            pitch=trim.control * self.slope.pitch_control,
+            pitch=_held(self.slope, trim)[1],
             theta=trim.alpha,
             thrust=trim.throttle * self.thrust_slope / self.mass,
         )
@@ -85,7 +105,8 @@ class Autopilot:
         speed = max(sensed.airspeed, 0.6 * leg.airspeed)
         theta, integral_theta = self._climb(memory.theta, sensed, leg, speed)
         throttle, integral_thrust = self._throttle(memory.thrust, sensed, leg)
-        commands, memory = self.attitude(memory, sensed, theta=theta, bank=_bank(sensed, leg))
+        bank = self.bank + _bank(sensed, leg)
+        commands, memory = self.attitude(memory, sensed, theta=theta, bank=bank)
         return commands | {THROTTLE: throttle}, replace(
             memory, theta=integral_theta, thrust=integral_thrust
         )
@@ -97,16 +118,27 @@ class Autopilot:
         speed = max(sensed.airspeed, 0.6 * self.slope.airspeed)
         pitch, integral_pitch = self._pitch(memory.pitch, sensed, theta, speed)
         roll, integral_roll = self._roll(memory.roll, sensed, bank)
+        coordinated = GRAVITY / speed * math.sin(sensed.phi - self.bank) * math.cos(sensed.theta)
+        yaw = 0.5 * _RATE * self.bandwidth * (coordinated - sensed.r) + self.yaw
         stiffness = (self.slope.airspeed / speed) ** 2
+        memory = replace(memory, pitch=integral_pitch, roll=integral_roll)
+        return self._controls((roll + self.roll, pitch, yaw), sensed, stiffness), memory
+
+    def _controls(self, wanted: Rates, sensed: Sensed, stiffness: float) -> dict[str, float]:
+        """Controls [rad] for angular accelerations about the three axes [rad/s²]."""
+        slope = self.slope
+        if slope.coupling is not None:
+            rates = (sensed.p, sensed.q, sensed.r)
+            found = slope.coupling.controls(wanted, rates)
+            return {name: value * stiffness for name, value in found.items()}
+        roll, pitch, yaw = wanted
         commands = {
-            self.slope.pitch_name: pitch * stiffness / self.slope.pitch_control,
-            self.slope.roll_name: roll * stiffness / self.slope.roll_control,
+            slope.pitch_name: pitch * stiffness / slope.pitch_control,
+            slope.roll_name: roll * stiffness / slope.roll_control,
         }
-        if self.slope.yaw_name is not None:
-            coordinated = GRAVITY / speed * math.sin(sensed.phi) * math.cos(sensed.theta)
-            yaw = 0.5 * _RATE * self.bandwidth * (coordinated - sensed.r)
-            commands[self.slope.yaw_name] = yaw * stiffness / self.slope.yaw_control
-        return commands, replace(memory, pitch=integral_pitch, roll=integral_roll)
+        if slope.yaw_name is not None:
+            commands[slope.yaw_name] = yaw * stiffness / slope.yaw_control
+        return commands
 
     def _climb(
         self, integral: float, sensed: Sensed, leg: Leg, speed: float
@@ -129,7 +161,7 @@ class Autopilot:
         return _RATE * self.bandwidth * error + integral, integral
 
     def _roll(self, integral: float, sensed: Sensed, bank: float) -> tuple[float, float]:
-        rate = _limit(_ATTITUDE * self.bandwidth * (bank - sensed.phi), math.radians(60.0))
+        rate = _limit(_ATTITUDE * self.bandwidth * (bank - sensed.phi), self.roll_rate)
         error = rate - sensed.p
         damping = abs(self.slope.roll_damping)
         integral = _limit(integral + 0.2 * damping * error * PERIOD, 0.2 * damping)
@@ -147,13 +179,30 @@ def autopilot(aircraft: Aircraft, airspeed: float) -> Autopilot:
     """The autopilot with the gains for a leg at `airspeed` [m/s]."""
     lag = max((servo.delay + servo.time_constant for servo in aircraft.servos), default=0.0)
     low, high = (thrust_at(aircraft, airspeed, throttle) for throttle in (0.0, 1.0))
+    slope = slopes(aircraft, airspeed)
+    level = trim(aircraft, airspeed)
+    roll, _, yaw = _held(slope, level)
+    fastest = control_range(aircraft, slope.roll_name) * slope.roll_control / slope.roll_damping
     return Autopilot(
-        slope=slopes(aircraft, airspeed),
+        slope=slope,
         # A command is held for one period, half of it on average, and computed from the last one.
         bandwidth=1.0 / (lag + PERIOD),
         mass=aircraft.mass.mass,
         thrust_slope=max(high - low, 0.05 * aircraft.mass.mass * GRAVITY),
+        roll_rate=min(_ROLL_RATE, _ROLL_SHARE * abs(fastest)),
+        bank=level.bank,
+        roll=roll,
+        yaw=yaw,
     )
+
+
+def _held(slope: Slopes, level: Trim) -> Rates:
+    """What the controls hold in level flight: angular accelerations [rad/s²]."""
+    if slope.coupling is None:
+        return 0.0, level.control * slope.pitch_control, 0.0
+    controls = {**level.others, slope.pitch_name: level.control}
+    roll, pitch, yaw = slope.coupling.accelerations(controls).tolist()
+    return roll, pitch, yaw
 
 
 class Mixer:

@@ -69,6 +69,7 @@ class Start:
     heading: float = 0.0
     airspeed: float = 20.0
     alpha: float = 0.0
+    bank: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -265,6 +266,7 @@ class JsbsimAircraft:
         fdm["ic/h-agl-ft"] = start.height / units.FOOT
         fdm["ic/psi-true-rad"] = heading
         fdm["ic/theta-rad"] = start.alpha
+        fdm["ic/phi-rad"] = start.bank
         north, east, down = wind.steady
         fdm["ic/vn-fps"] = (start.airspeed * math.cos(heading) + north) / units.FOOT
         fdm["ic/ve-fps"] = (start.airspeed * math.sin(heading) + east) / units.FOOT

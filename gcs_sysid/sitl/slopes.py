@@ -6,11 +6,14 @@ Not good for anything else: slopes at zero angles, constant density, one control
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
+from gcs_sysid.sitl.coupling import Coupling, coupling, is_coupled
 from gcs_sysid.sitl.servo import interpolate
+from gcs_sysid.sitl.terms import slope
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
@@ -40,6 +43,9 @@ class Slopes:
     yaw_name: str | None
     yaw_control: float
     yaw_stiffness: float
+    coupling: Coupling | None = None
+    """Where pitching does not stay apart from roll and yaw; then everything above is the share of
+    each axis alone."""
 
     @property
     def short_period(self) -> float:
@@ -74,6 +80,7 @@ def slopes(aircraft: Aircraft, airspeed: float) -> Slopes:
             "autopilot needs one for pitch and one for roll in `[aerodynamics]`"
         )
     yaw_name = _strongest(aircraft, "Cn", other_than=roll_name)
+    names = tuple(name for name in (roll_name, pitch_name, yaw_name) if name)
     return Slopes(
         airspeed=airspeed,
         roll_name=roll_name,
@@ -87,16 +94,29 @@ def slopes(aircraft: Aircraft, airspeed: float) -> Slopes:
         yaw_name=yaw_name,
         yaw_control=yaw * slope(aircraft, "Cn", yaw_name) if yaw_name else 0.0,
         yaw_stiffness=yaw * slope(aircraft, "Cn", "beta"),
+        coupling=coupling(aircraft, airspeed, names, SEA_LEVEL_DENSITY)
+        if is_coupled(aircraft, names)
+        else None,
     )
 
 
 @dataclass(frozen=True)
 class Trim:
-    """Steady level flight, roughly: angle of attack [rad], pitch control [rad], throttle 0 to 1."""
+    """Steady level flight, roughly.
+
+    Attributes:
+        alpha: angle of attack [rad].
+        control: pitch control [rad].
+        throttle: 0 to 1.
+        others: further controls that must stand off zero [rad]; none with a plane of symmetry.
+        bank: bank angle at which the weight balances the side force [rad].
+    """
 
     alpha: float
     control: float
     throttle: float
+    others: Mapping[str, float] = field(default_factory=dict)
+    bank: float = 0.0
 
 
 def trim(aircraft: Aircraft, airspeed: float) -> Trim:
@@ -109,7 +129,16 @@ def trim(aircraft: Aircraft, airspeed: float) -> Trim:
     control = -moment / slope(aircraft, "Cm", slopes(aircraft, airspeed).pitch_name)
     drag = sum(slope(aircraft, "CX", f"alpha{p}") * alpha**n for n, p in ((1, ""), (2, "^2")))
     thrust = weight * math.sin(alpha) - force * (slope(aircraft, "CX", "1") + drag)
-    return Trim(alpha, control, _throttle(aircraft, airspeed, thrust))
+    throttle = _throttle(aircraft, airspeed, thrust)
+    found = slopes(aircraft, airspeed)
+    if found.coupling is None:
+        return Trim(alpha, control, throttle)
+    controls = found.coupling.balance(alpha)
+    side = slope(aircraft, "CY", "1") + slope(aircraft, "CY", "alpha") * alpha
+    side += sum(slope(aircraft, "CY", name) * value for name, value in controls.items())
+    bank = math.asin(min(max(-force * side / weight, -0.5), 0.5))
+    control = controls.pop(found.pitch_name)
+    return Trim(alpha, control, throttle, controls, bank)
 
 
 def thrust_at(aircraft: Aircraft, airspeed: float, throttle: float) -> float:
@@ -132,13 +161,6 @@ def _throttle(aircraft: Aircraft, airspeed: float, thrust: float) -> float:
         enough = thrust_at(aircraft, airspeed, middle) >= thrust
         low, high = (low, middle) if enough else (middle, high)
     return high
-
-
-def slope(aircraft: Aircraft, coefficient: str, key: str) -> float:
-    """The linear term of a coefficient, 0 where the file has none."""
-    model = aircraft.aerodynamics.get(coefficient)
-    value = model.terms.get(key) if model else None
-    return value.value if value else 0.0
 
 
 def _strongest(aircraft: Aircraft, coefficient: str, *, other_than: str = "") -> str | None:

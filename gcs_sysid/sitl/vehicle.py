@@ -31,7 +31,7 @@ class Vehicle:
         level = trim(flight.believed, flight.start.airspeed)
         self._aircraft = JsbsimAircraft(
             flight.flown,
-            start=replace(flight.start, alpha=level.alpha),
+            start=replace(flight.start, alpha=level.alpha, bank=level.bank),
             wind=flight.wind,
             seed=flight.seed,
             feel=flight.hidden.feel,
@@ -48,7 +48,7 @@ class Vehicle:
         pitch = slopes(flight.believed, flight.start.airspeed).pitch_name
         self._actuators = _Actuators(
             flight.flown,
-            self.mixer.pulses({pitch: level.control, THROTTLE: level.throttle}),
+            self.mixer.pulses({pitch: level.control, THROTTLE: level.throttle, **level.others}),
             late=max(flight.hidden.delays.get(OUTPUTS, 0.0), 0.0),
         )
 

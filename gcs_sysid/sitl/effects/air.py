@@ -17,7 +17,7 @@ from gcs_sysid.errors import RegressorError
 from gcs_sysid.sitl.effects import changes
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.jsbsim_xml import Separation
-from gcs_sysid.sitl.slopes import slope
+from gcs_sysid.sitl.terms import slope
 
 _HEIGHTS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0)
 """Heights over span at which the ground's influence is tabulated; the last one is out of it."""
