@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time as clock
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol, runtime_checkable
+from typing import IO, Any, Protocol, runtime_checkable
 
 import numpy as np
 from pymavlink import mavutil
@@ -17,8 +17,9 @@ from gcs_sysid.sitl.autopilot import PERIOD
 from gcs_sysid.sitl.computer import Computer
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE
-from gcs_sysid.sitl.link import Transmitter
+from gcs_sysid.sitl.link import Transmitter, tlog
 from gcs_sysid.sitl.telemetry import Snapshot
+from gcs_sysid.sitl.truth import Witness
 from gcs_sysid.sitl.vehicle import Vehicle, told_late
 
 _log = logging.getLogger(__name__)
@@ -49,12 +50,21 @@ class LiveVehicle:
     Args:
         flight: aircraft, air, sensors, radio, and what to fly until told otherwise.
         wire: the link; it stays the caller's to close.
+        record: where every frame that arrives is kept too, as a .tlog; the caller's to close.
+        witness: what sees the truth.
     """
 
-    def __init__(self, flight: Flight, wire: Wire) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        wire: Wire,
+        *,
+        record: IO[bytes] | None = None,
+        witness: Witness | None = None,
+    ) -> None:
         sensors, link = np.random.SeedSequence(flight.seed).spawn(2)
         self._flight = flight
-        self._wire = wire
+        self._wire, self._record, self._witness = wire, record, witness
         self._vehicle = Vehicle(flight, generator=np.random.default_rng(sensors))
         self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
         self._parser = mavlink.MAVLink(None)
@@ -76,7 +86,9 @@ class LiveVehicle:
 
     def tick(self) -> None:
         """Sense, obey, command and tell, then move on by one period."""
-        _, measurement = self._vehicle.sense()
+        state, measurement = self._vehicle.sense()
+        if self._witness is not None:
+            self._witness.see(self._tick, state, self._vehicle)
         controls = self.computer.command(measurement, self.time)
         pulses = self._vehicle.mixer.pulses(controls)
         power = min(max(controls[THROTTLE], 0.0), 1.0)
@@ -92,8 +104,11 @@ class LiveVehicle:
         )
         self._tell(snapshot)
         self._listen(snapshot)
-        for frame in self._transmitter.arrived(snapshot.unix_us):
+        arrived = self._transmitter.arrived(snapshot.unix_us)
+        for frame in arrived:
             self._wire.write(frame.data)
+        if self._record is not None:
+            self._record.write(tlog(arrived))
         self._vehicle.move(pulses)
         self._tick += 1
 

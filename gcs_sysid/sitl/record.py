@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,18 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import status, telemetry
+from gcs_sysid.sitl import truth as truths
 from gcs_sysid.sitl.autopilot import PERIOD, autopilot
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, signal
-from gcs_sysid.sitl.jsbsim_aircraft import TURBULENCE_CEILING, State
+from gcs_sysid.sitl.jsbsim_aircraft import TURBULENCE_CEILING
 from gcs_sysid.sitl.link import Frame, Transmitter, tlog
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Measurement
 from gcs_sysid.sitl.slopes import trim
+from gcs_sysid.sitl.truth import Truth, Witness
 from gcs_sysid.sitl.vehicle import Vehicle, told_late
 
 SETTLE = 8.0
@@ -30,30 +30,6 @@ SETTLE = 8.0
 
 RESTART = 2.0
 """How long a flight computer that restarts tells nothing and leaves its outputs as they are [s]."""
-
-_STATE_COLUMNS = (
-    *("V", "qbar", "alpha", "beta", "p", "q", "r", "p_air", "q_air", "r_air"),
-    *("v_north", "v_east", "v_down", "wind_north", "wind_east", "wind_down"),
-)
-_COEFFICIENT_COLUMNS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-_ATTITUDE_COLUMNS = ("phi", "theta", "psi")
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really happened, one row a tick: SI, rad, `t` in s after `t0_us`.
-
-    `p q r` are inertial, `p_air …` what the aerodynamics feel, `wind_*` with gusts, `V` true
-    airspeed; controls are where the surfaces stood.
-    """
-
-    columns: tuple[str, ...]
-    rows: Float[np.ndarray, "tick column"]
-    t0_us: int
-
-    def column(self, name: str) -> Float[np.ndarray, " tick"]:
-        """One column."""
-        return self.rows[:, self.columns.index(name)]
 
 
 @dataclass(frozen=True)
@@ -93,28 +69,8 @@ def run(
     flown = fly(flight, progress=progress)
     record.write_bytes(tlog(flown.frames))
     if truth is not None:
-        save_truth(flown.truth, truth, rate=truth_rate)
-        if told:
-            beside(truth).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        truths.save(flown.truth, truth, rate=truth_rate, told=told)
     return flown
-
-
-def beside(truth: Path) -> Path:
-    """Where it is told what is hidden in a flight whose truth is written to `truth`."""
-    return truth.with_suffix(".json")
-
-
-def save_truth(truth: Truth, path: Path, *, rate: int = telemetry.TICK_RATE) -> None:
-    """Write the truth as .npz: `rows`, `cols`, `t0_us`."""
-    if telemetry.TICK_RATE % rate:
-        raise UsageError(f"truth at {rate} Hz: `rate` must divide {telemetry.TICK_RATE}")
-    rows = truth.rows[:: telemetry.TICK_RATE // rate]
-    if rate < telemetry.TICK_RATE:
-        rows = rows.astype(np.float32)
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file, rows=rows, cols=np.array(truth.columns), t0_us=np.array(truth.t0_us)
-        )
 
 
 def fly(flight: Flight, *, progress: Callable[[float], None] | None = None) -> Flown:
@@ -172,13 +128,13 @@ class _Recorder:
         self._used = 0.0
         self._pulses: Mapping[int, int] = {}
         self._booted = -telemetry.BOOT_BEFORE_RECORDING
-        self._rows: list[list[float]] = []
+        self._witness = Witness(flight)
 
     def tick(self, tick: int, leg: Leg, added: Mapping[str, float]) -> None:
         """Sense, command, send, then move on by one period."""
         state, measurement = self._vehicle.sense()
         if tick >= 0:
-            self._rows.append(self._truth_row(tick, state))
+            self._witness.see(tick, state, self._vehicle)
         if not self._restarting(tick):
             self._work(tick, measurement, leg, added)
         self._vehicle.move(self._pulses)
@@ -227,16 +183,9 @@ class _Recorder:
 
     def flown(self) -> Flown:
         """What has been flown so far."""
-        columns = (
-            "t",
-            *_STATE_COLUMNS,
-            "thrust",
-            *_COEFFICIENT_COLUMNS,
-            *self._flight.flown.control_names,
-            *_ATTITUDE_COLUMNS,
+        return Flown(
+            tuple(self._transmitter.arrived()), self._witness.truth(), self._transmitter.sent
         )
-        truth = Truth(columns, np.array(self._rows), self._flight.epoch_us)
-        return Flown(tuple(self._transmitter.arrived()), truth, self._transmitter.sent)
 
     def _command(
         self, measurement: Measurement, leg: Leg, added: Mapping[str, float]
@@ -256,13 +205,3 @@ class _Recorder:
             if snapshot.tick % (telemetry.TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
                 told = snapshot.told_late(self._delays.get(name, 0.0))
                 self._transmitter.send(status.BUILDERS[name](told), told.unix_us)
-
-    def _truth_row(self, tick: int, state: State) -> list[float]:
-        return [
-            tick * PERIOD,
-            *(getattr(state, name) for name in _STATE_COLUMNS),
-            self._vehicle.thrust(),
-            *(getattr(state, name) for name in _COEFFICIENT_COLUMNS),
-            *self._vehicle.controls().values(),
-            *(getattr(state, name) for name in _ATTITUDE_COLUMNS),
-        ]

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_sysid.cli import entry
 from gcs_sysid.cli.commands import scenario as command
-from gcs_sysid.sitl import record
+from gcs_sysid.sitl import truth
 from tests.sitl import examples
 
 PLAN = f"""
@@ -87,7 +87,7 @@ def test_a_flight_that_fails_leaves_nothing(folder, identified, tmp_path, monkey
     def crash(*_, **__):
         raise OSError("disk full")
 
-    monkeypatch.setattr(record, "save_truth", crash)
+    monkeypatch.setattr(truth, "save", crash)
     assert run(folder, tmp_path) == 1
     assert list((tmp_path / "cache" / "flights").iterdir()) == []
     assert not (tmp_path / "a").exists()

@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from scipy.optimize import fsolve
 
 from gcs_sysid.errors import UsageError
-from gcs_sysid.sitl import record, scenario
+from gcs_sysid.sitl import record, scenario, truth
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
@@ -277,15 +277,15 @@ def test_bundled_files_are_small():
 
 def test_truth_is_written_at_the_rate_asked_for(flown, tmp_path):
     path = tmp_path / "truth.npz"
-    record.save_truth(flown.truth, path, rate=10)
+    truth.save(flown.truth, path, rate=10)
     file = np.load(path)
     assert file["rows"].shape == (200, flown.truth.rows.shape[1])
     assert file["rows"].dtype == np.float32
     assert int(file["t0_us"]) == flown.truth.t0_us
-    record.save_truth(flown.truth, path)
+    truth.save(flown.truth, path)
     assert np.array_equal(np.load(path)["rows"], flown.truth.rows)
     with pytest.raises(UsageError, match="divide"):
-        record.save_truth(flown.truth, path, rate=15)
+        truth.save(flown.truth, path, rate=15)
 
 
 @pytest.mark.shared

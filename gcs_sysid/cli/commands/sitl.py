@@ -18,6 +18,10 @@ from gcs_sysid.errors import UsageError
 if TYPE_CHECKING:
     from gcs_sysid.sitl.scenario import PlannedFlight
 
+_WHAT_TO_FLY = "give --aircraft FILE and --record FILE.tlog or --link, or --scenario FILE"
+
+_FILES = ("record", "truth", "hidden")
+
 seed = click.option(
     "--seed", metavar="N", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True,
     help="Seed of turbulence, sensor noise and radio: the same seed, the same file.",
@@ -38,7 +42,7 @@ gust = click.option(
     "--record",
     metavar="FILE.tlog",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Fly the standard flight and record it here.",
+    help="Fly the standard flight and record it here; with --link, what arrives there.",
 )
 @click.option(
     "--truth",
@@ -98,12 +102,11 @@ def command(
     if link is None and duration is not None:
         raise UsageError("--duration belongs to --link; a recording has its flight's length")
     if link is not None:
-        if record is not None or truth is not None or scenario is not None:
-            raise UsageError("--link flies live; record with `gcs-sysid listen`, or leave it out")
-        planned = _hiding(_standard(aircraft, Path("live"), None, seed, wind, gust), effects)
+        if scenario is not None:
+            raise UsageError("--link flies live, --scenario to files; leave one of them out")
+        planned = _hiding(_standard(aircraft, record, truth, seed, wind, gust), effects)
         live = _fly_live(planned, link, duration)
-        words = f"{live['duration_s']:.0f} s flown, {live['sent']} messages sent to {link}"
-        output.show(live, words, as_json=as_json)
+        output.show(live, _live_text(live), as_json=as_json)
         return
     from gcs_sysid.sitl import scenario as scenarios
 
@@ -112,6 +115,8 @@ def command(
             raise UsageError("--scenario says what to fly and where to record it; leave out others")
         flights = scenarios.load(scenario).flights
     else:
+        if record is None:
+            raise UsageError(_WHAT_TO_FLY)
         flights = (_hiding(_standard(aircraft, record, truth, seed, wind, gust), effects),)
     flown = [_fly(planned) for planned in flights]
     output.show({"flights": flown}, _text(flown), as_json=as_json)
@@ -130,15 +135,13 @@ def _standard(
     from gcs_sysid.sitl.flight import Flight
     from gcs_sysid.sitl.scenario import PlannedFlight
 
-    if aircraft is None or record is None:
-        raise UsageError(
-            "give --aircraft FILE and --record FILE.tlog or --link, or --scenario FILE"
-        )
+    if aircraft is None:
+        raise UsageError(_WHAT_TO_FLY)
     loaded = aircraft_file.load(aircraft)
     legs = plan.standard(loaded)
     direction, speed = wind
     return PlannedFlight(
-        record.stem,
+        "live" if record is None else record.stem,
         Flight(
             believed=loaded,
             flown=loaded,
@@ -166,15 +169,43 @@ def _hiding(planned: PlannedFlight, files: Sequence[Path]) -> PlannedFlight:
 
 def _fly_live(planned: PlannedFlight, link: str, duration: float | None) -> Mapping[str, Any]:
     from gcs_sysid.sitl import live
+    from gcs_sysid.sitl import truth as truths
 
     flight = replace(planned.flight, epoch_us=time.time_ns() // 1000)
-    with live.Link(link) as wire:
-        vehicle = live.LiveVehicle(flight, wire)
+    witness = None if planned.truth is None else truths.Witness(flight)
+    with contextlib.ExitStack() as opened:
+        wire = opened.enter_context(live.Link(link))
+        record = opened.enter_context(planned.record.open("wb")) if planned.record else None
+        vehicle = live.LiveVehicle(flight, wire, record=record, witness=witness)
         click.echo(f"Flying; speaks MAVLink to {link}. Ctrl-C ends it.", err=True)
         # Interrupting is how a live flight ends.
         with contextlib.suppress(KeyboardInterrupt):
             live.fly(vehicle, duration=duration)
-    return {"link": link, "duration_s": vehicle.time, "sent": vehicle.sent}
+    if planned.truth is not None and witness is not None:
+        told = {**planned.told, "epoch_us": flight.epoch_us, "duration_s": vehicle.time}
+        truths.save(witness.truth(), planned.truth, rate=planned.truth_rate, told=told)
+    return {
+        "link": link,
+        "duration_s": vehicle.time,
+        "sent": vehicle.sent,
+        **_files(planned),
+    }
+
+
+def _live_text(live: Mapping[str, Any]) -> str:
+    words = f"{live['duration_s']:.0f} s flown, {live['sent']} messages sent to {live['link']}"
+    return "\n".join([words, *(live[key] for key in _FILES if live[key])])
+
+
+def _files(planned: PlannedFlight) -> Mapping[str, str | None]:
+    """Where the recording, the truth and what is hidden have been written."""
+    from gcs_sysid.sitl import truth
+
+    hidden = None if planned.truth is None else truth.beside(planned.truth)
+    paths = (planned.record, planned.truth, hidden)
+    return {
+        key: None if path is None else str(path) for key, path in zip(_FILES, paths, strict=True)
+    }
 
 
 def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
@@ -198,9 +229,7 @@ def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
         )
     return {
         "name": planned.name,
-        "record": str(planned.record),
-        "truth": None if planned.truth is None else str(planned.truth),
-        "hidden": None if planned.truth is None else str(record.beside(planned.truth)),
+        **_files(planned),
         "duration_s": duration,
         "sent": flown.sent,
         "received": len(flown.frames),
@@ -212,6 +241,6 @@ def _text(flown: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(
         f"{flight['name']}: {flight['duration_s']:.0f} s flown at {flight['times_real_time']:.0f} "
         f"times real time, {flight['received']} of {flight['sent']} messages received\n"
-        + "\n".join(flight[key] for key in ("record", "truth", "hidden") if flight[key])
+        + "\n".join(flight[key] for key in _FILES if flight[key])
         for flight in flown
     )
