@@ -56,7 +56,7 @@ class Computer:
             math.radians(start.latitude_deg), math.radians(start.longitude_deg), start.elevation
         )
         self.parameters = Parameters(flight.believed, airspeed=start.airspeed)
-        self.streams = Streams(vanes=flight.flown.vanes is not None)
+        self.streams = Streams(untold=telemetry.untold(flight.flown))
         self.mission = Mission(
             Item(_NOTHING, (0.0, 0.0, 0.0, 0.0), start.latitude_deg, start.longitude_deg, 0.0)
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
-from gcs_sysid.sitl.jsbsim_xml import Feel, Separation
+from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel, Separation
 from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Noise
@@ -49,6 +49,7 @@ class Flight:
         noise: of the sensors.
         link: the radio.
         rates: of the messages of a recording [Hz]; each divides the tick rate.
+        fuel: that the engines burn, if any.
         reboot: when the flight computer restarts, if ever [s after the recording begins].
         seed: of everything random, 0 to 2³¹ - 1.
         epoch_us: wall time at which the recording begins [µs since 1970].
@@ -63,6 +64,7 @@ class Flight:
     noise: Noise = field(default_factory=Noise)
     link: Link = field(default_factory=Link)
     rates: Mapping[str, int] = field(default_factory=lambda: RATES)
+    fuel: Fuel | None = None
     reboot: float | None = None
     seed: int = 0
     epoch_us: int = EPOCH_US

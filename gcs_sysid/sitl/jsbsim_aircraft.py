@@ -18,7 +18,7 @@ import jsbsim
 from gcs_sysid.aircraft import COEFFICIENTS, ZERO, Aircraft, Vector
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import jsbsim_xml, units
-from gcs_sysid.sitl.jsbsim_xml import Feel, Separation
+from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel, Separation
 
 _log = logging.getLogger(__name__)
 
@@ -203,6 +203,7 @@ class JsbsimAircraft:
         step: integration step [s].
         feel: what the air feels of a control, by control; all of it by default.
         separation: lift lost beyond a stall.
+        fuel: that the engines burn.
 
     Raises:
         UsageError: the aircraft cannot be flown; the message says why.
@@ -218,15 +219,17 @@ class JsbsimAircraft:
         step: float = STEP,
         feel: Mapping[str, Feel] | None = None,
         separation: Separation | None = None,
+        fuel: Fuel | None = None,
     ) -> None:
         self.aircraft = aircraft
         self._wind = wind
         self._separation = separation
+        self._fuel, self._burnt = fuel, 0.0
         self._separated = 0.0
         self._step = step
         jsbsim.set_logger(_Log())
         self._fdm = jsbsim.FGFDMExec(None)
-        self._load(jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation))
+        self._load(jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation, fuel=fuel))
         self._fdm.set_dt(step)
         self._fdm["simulation/randomseed"] = float(seed)
         self._begin(start, wind)
@@ -241,6 +244,8 @@ class JsbsimAircraft:
         self._winds = [node(f"atmosphere/wind-{axis}-fps") for axis in ("north", "east", "down")]
         self._altitude, self._alpha = node("position/h-sl-ft"), node("aero/alpha-rad")
         self._separated_node = node(jsbsim_xml.SEPARATION)
+        self._tank = None if fuel is None else node("inertia/pointmass-weight-lbs")
+        self._mass = node("inertia/mass-slugs")
         self._start_altitude = self._altitude.get_double_value()
 
     def _load(self, text: str) -> None:
@@ -298,6 +303,8 @@ class JsbsimAircraft:
             self._shear()
         if self._separation is not None:
             self._separate(self._separation)
+        if self._fuel is not None and self._tank is not None:
+            self._burn(self._fuel, self._tank, throttles)
         self._fdm.run()
 
     def _shear(self) -> None:
@@ -310,6 +317,14 @@ class JsbsimAircraft:
         share = -math.expm1(-self._step / separation.lag)
         self._separated += share * (beyond - self._separated)
         self._separated_node.set_double_value(self._separated)
+
+    def _burn(self, fuel: Fuel, tank: jsbsim.FGPropertyNode, throttles: list[float]) -> None:
+        self._burnt += self._step * fuel.burn * sum(throttles) / max(len(throttles), 1)
+        tank.set_double_value(jsbsim_xml.weight(max(fuel.mass - self._burnt, 0.0)))
+
+    def mass(self) -> float:
+        """What is left of it [kg]."""
+        return self._mass.get_double_value() * units.SLUG
 
     @property
     def time(self) -> float:

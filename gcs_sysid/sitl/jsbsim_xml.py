@@ -22,6 +22,7 @@ from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, Propulsion, TableTerm, Ve
 from gcs_sysid.errors import UsageError
 from gcs_sysid.regressors import Factor, Regressor
 from gcs_sysid.sitl import units
+from gcs_sysid.sitl.motor import settings
 
 Node = ElementTree.Element
 
@@ -61,6 +62,19 @@ class Feel:
 
 
 @dataclass(frozen=True)
+class Fuel:
+    """Fuel in the centre of gravity.
+
+    Attributes:
+        mass: at the start, a part of the aircraft's [kg].
+        burn: at full throttle of all engines, in proportion at less [kg/s].
+    """
+
+    mass: float
+    burn: float
+
+
+@dataclass(frozen=True)
 class Separation:
     """Lift lost beyond a stall: CZ gets `slope`·x, where x follows max(0, alpha - alpha_break).
 
@@ -92,6 +106,11 @@ def thrust_property(thruster: int) -> str:
     return f"sitl/thrust/thruster-{thruster}"
 
 
+def weight(mass: float) -> float:
+    """Weight [lbf] that JSBSim gives a mass [kg]."""
+    return mass / units.SLUG * units.JSBSIM_SLUG_WEIGHT
+
+
 def coefficient_property(name: str) -> str:
     """Property that holds a coefficient about the airframe point."""
     return f"sitl/coefficient/{name}"
@@ -102,6 +121,7 @@ def model_xml(
     *,
     feel: Mapping[str, Feel] | None = None,
     separation: Separation | None = None,
+    fuel: Fuel | None = None,
 ) -> str:
     """The JSBSim model of an aircraft.
 
@@ -109,6 +129,7 @@ def model_xml(
         aircraft: with `aerodynamics`; everything in SI and radians.
         feel: what the air feels of a control, by control; all of it by default.
         separation: lift lost beyond a stall.
+        fuel: a part of the mass that can become less.
 
     Returns:
         Text of an `fdm_config` document.
@@ -121,14 +142,9 @@ def model_xml(
             f"{aircraft.name}: `[aerodynamics]` is empty, so there is nothing to fly; "
             "write the coefficients into the aircraft file"
         )
-    if any(thruster.rpm is not None for thruster in aircraft.propulsion):
-        raise UsageError(
-            f"{aircraft.name}: `[propulsion] rpm` describes thrust at measured rotation speeds; "
-            "to fly it, give rows over `throttle`"
-        )
     root = Node("fdm_config", name="sitl", version="2.0", release="ALPHA")
     root.append(_metrics(aircraft))
-    root.append(_mass_balance(aircraft))
+    root.append(_mass_balance(aircraft, fuel))
     ElementTree.SubElement(root, "ground_reactions")
     root.append(_aerodynamics(aircraft, feel or {}, separation))
     root.append(_external_reactions(aircraft))
@@ -146,7 +162,7 @@ def _metrics(aircraft: Aircraft) -> Node:
     return metrics
 
 
-def _mass_balance(aircraft: Aircraft) -> Node:
+def _mass_balance(aircraft: Aircraft, fuel: Fuel | None) -> Node:
     mass = aircraft.mass
     # JSBSim takes products of inertia in its structural frame and negates the one of x and z.
     inertia = {
@@ -160,9 +176,13 @@ def _mass_balance(aircraft: Aircraft) -> Node:
     balance = Node("mass_balance")
     for name, value in inertia.items():
         _leaf(balance, name, value / units.SLUG_FOOT2, unit="SLUG*FT2")
-    weight = mass.mass / units.SLUG * units.JSBSIM_SLUG_WEIGHT
-    _leaf(balance, "emptywt", weight, unit="LBS")
+    empty = mass.mass - (0.0 if fuel is None else fuel.mass)
+    _leaf(balance, "emptywt", weight(empty), unit="LBS")
     _location(balance, mass.cg, name="CG")
+    if fuel is not None:
+        tank = ElementTree.SubElement(balance, "pointmass", name="fuel")
+        _leaf(tank, "weight", weight(fuel.mass), unit="LBS")
+        _location(tank, mass.cg, name="POINTMASS")
     return balance
 
 
@@ -272,7 +292,7 @@ def _external_reactions(aircraft: Aircraft) -> Node:
 
 def _thrust(thruster: Propulsion, throttle: str, values: Sequence[Sequence[float]]) -> Node:
     """Table over throttle and airspeed, scaled by the density ratio to 1.225 kg/m³ (ICAO)."""
-    table = _table((throttle, _VARIABLES["V"]), (thruster.throttle, thruster.airspeed), values)
+    table = _table((throttle, _VARIABLES["V"]), (settings(thruster), thruster.airspeed), values)
     density = _operation("product", units.SLUG_FOOT3 / 1.225, "atmosphere/rho-slugs_ft3")
     return _operation("product", table, density)
 

@@ -100,6 +100,7 @@ class LiveVehicle:
             pulses,
             power,
             self._used,
+            self._vehicle.motors(),
             status=self.computer.status(self.time),
         )
         self._tell(snapshot)

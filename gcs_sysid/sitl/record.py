@@ -122,6 +122,7 @@ class _Recorder:
         self._vehicle = Vehicle(flight, generator=np.random.default_rng(sensors))
         self._transmitter = Transmitter(flight.link, generator=np.random.default_rng(link))
         self._delays = told_late(flight.hidden.delays)
+        self._untold = telemetry.untold(flight.flown)
         pilot = autopilot(flight.believed, flight.start.airspeed)
         self._autopilots = {flight.start.airspeed: pilot}
         self._memory = pilot.settled(trim(flight.believed, flight.start.airspeed))
@@ -155,6 +156,7 @@ class _Recorder:
                     self._pulses,
                     power,
                     self._used,
+                    self._vehicle.motors(),
                     booted=self._booted,
                 )
             )
@@ -200,8 +202,7 @@ class _Recorder:
         }
 
     def _send(self, snapshot: telemetry.Snapshot) -> None:
-        vanes = self._flight.flown.vanes is not None
         for name, rate in self._flight.rates.items():
-            if snapshot.tick % (telemetry.TICK_RATE // rate) == 0 and (vanes or name != "AOA_SSA"):
+            if snapshot.tick % (telemetry.TICK_RATE // rate) == 0 and name not in self._untold:
                 told = snapshot.told_late(self._delays.get(name, 0.0))
                 self._transmitter.send(status.BUILDERS[name](told), told.unix_us)

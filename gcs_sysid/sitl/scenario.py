@@ -25,6 +25,7 @@
     link = { latency = 0.004, jitter = 0.002, loss = 0.01 }
     rates = { ATTITUDE = 50, VFR_HUD = 25 }
     noise = { gyro = 0.004 }
+    # fuel = { mass = 1.5, burn = 0.001 }      # kg of the aircraft's mass, kg/s at full throttle
     # reboot = 60
     # without `legs` the standard flight
     legs = [{ name = "out", duration = 20, airspeed = 17, height = 120, heading = 0 }]
@@ -55,6 +56,7 @@ from gcs_sysid.sitl.effects import catalogue
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import KINDS, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
+from gcs_sysid.sitl.jsbsim_xml import Fuel
 from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Noise
@@ -159,7 +161,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -> PlannedFlight:
     entry.allow_only(
         *("name", "record", "truth", "truth_rate", "seed", "begins", "wind", "legs"),
-        *("link", "rates", "noise", "reboot"),
+        *("link", "rates", "noise", "fuel", "reboot"),
     )
     legs = tuple(_leg(leg) for leg in entry.children("legs", name_key="name"))
     legs = legs or plan.standard(believed)
@@ -173,6 +175,7 @@ def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -
             noise=_numbers(entry.child("noise"), Noise()),
             link=_numbers(entry.child("link"), Link()),
             rates=_rates(entry.child("rates")),
+            fuel=_fuel(entry.child("fuel"), flown),
             reboot=entry.optional_number("reboot", "s", least=0.0),
             start=start(legs[0]),
             seed=entry.whole("seed", least=0),
@@ -190,6 +193,14 @@ def _numbers(entry: Section | None, usual: Parts) -> Parts:
         return usual
     entry.allow_only(*(part.name for part in fields(usual)))
     return replace(usual, **{key: entry.number(key, "1", least=0.0) for key in entry.data})
+
+
+def _fuel(entry: Section | None, flown: Aircraft) -> Fuel | None:
+    if entry is None:
+        return None
+    entry.allow_only("mass", "burn")
+    whole = flown.mass.mass
+    return Fuel(entry.number("mass", "kg", above=0.0, most=whole), entry.number("burn", "kg/s"))
 
 
 def _rates(entry: Section | None) -> Mapping[str, int]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl.coupling import Coupling, coupling, is_coupled
+from gcs_sysid.sitl.motor import settings
 from gcs_sysid.sitl.servo import interpolate
 from gcs_sysid.sitl.terms import slope
 
@@ -146,7 +147,7 @@ def thrust_at(aircraft: Aircraft, airspeed: float, throttle: float) -> float:
     return sum(
         interpolate(
             throttle,
-            thruster.throttle,
+            settings(thruster),
             [interpolate(airspeed, thruster.airspeed, row) for row in thruster.thrust],
         )
         for thruster in aircraft.propulsion

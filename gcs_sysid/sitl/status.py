@@ -43,6 +43,7 @@ RATES: Mapping[str, float] = {
     "GPS_RAW_INT": 5.0,
     "RC_CHANNELS": 5.0,
     "WIND": 2.0,
+    "RPM": 5.0,
     "SYS_STATUS": 2.0,
     "LOCAL_POSITION_NED": 2.0,
     "NAV_CONTROLLER_OUTPUT": 2.0,
@@ -119,6 +120,11 @@ def _wind(snapshot: Snapshot) -> Message:
     north, east = snapshot.status.wind
     blows_from = math.degrees(math.atan2(-east, -north))
     return mavlink.MAVLink_wind_message(blows_from, math.hypot(north, east), 0.0)
+
+
+def _rpm(snapshot: Snapshot) -> Message:
+    speeds = snapshot.motors
+    return mavlink.MAVLink_rpm_message(speeds.get(1, 0.0), speeds.get(2, 0.0))
 
 
 def _sys_status(snapshot: Snapshot) -> Message:
@@ -207,6 +213,7 @@ BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
     "GPS_RAW_INT": _gps_raw_int,
     "RC_CHANNELS": _rc_channels,
     "WIND": _wind,
+    "RPM": _rpm,
     "SYS_STATUS": _sys_status,
     "LOCAL_POSITION_NED": _local_position_ned,
     "NAV_CONTROLLER_OUTPUT": _nav_controller_output,

@@ -14,16 +14,28 @@ GROUPS: Mapping[int, tuple[str, ...]] = {
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE", "AOA_SSA"),
     11: ("VFR_HUD",),
-    12: ("AIRSPEED", "WIND", "BATTERY_STATUS", "SYSTEM_TIME", "EKF_STATUS_REPORT"),
+    12: (
+        "AIRSPEED",
+        "RPM",
+        "ESC_TELEMETRY_1_TO_4",
+        "WIND",
+        "BATTERY_STATUS",
+        "SYSTEM_TIME",
+        "EKF_STATUS_REPORT",
+    ),
 }
 """Messages of ArduPlane's data streams, by MAV_DATA_STREAM."""
 
 
 class Streams:
-    """Intervals of all messages, and when each was last due."""
+    """Intervals of all messages, and when each was last due.
 
-    def __init__(self, *, vanes: bool) -> None:
-        self._vanes = vanes
+    Args:
+        untold: messages that the vehicle does not have.
+    """
+
+    def __init__(self, *, untold: frozenset[str] = frozenset()) -> None:
+        self._untold = untold
         self._intervals = {name: _interval(rate) for name, rate in status.RATES.items()}
         self._next: dict[str, int] = {}
 
@@ -33,7 +45,7 @@ class Streams:
 
     def set_interval(self, name: str, interval_us: float) -> bool:
         """Change an interval [µs]: 0 is the default, -1 never; False for an unknown message."""
-        if name not in self._intervals or (name == "AOA_SSA" and not self._vanes):
+        if name not in self._intervals or name in self._untold:
             return False
         usual = _interval(status.RATES[name])
         chosen = usual if interval_us == 0 else max(round(interval_us), TICK_US)
@@ -52,7 +64,7 @@ class Streams:
         """Messages due at a time [µs], which does not go back."""
         found = []
         for name, interval in self._intervals.items():
-            if interval == 0 or (name == "AOA_SSA" and not self._vanes):
+            if interval == 0 or name in self._untold:
                 continue
             when = self._next.get(name, time_us)
             if when <= time_us:

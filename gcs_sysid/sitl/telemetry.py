@@ -36,6 +36,7 @@ RATES: Mapping[str, int] = {
     "SCALED_PRESSURE": 25,
     "AOA_SSA": 25,
     "GLOBAL_POSITION_INT": 10,
+    "ESC_TELEMETRY_1_TO_4": 10,
 }
 """Message rates [Hz] that a ground station asks for on a good link; each divides the tick rate."""
 
@@ -93,6 +94,7 @@ class Snapshot:
         pulses: [µs] by output channel.
         throttle: commanded, 0 to 1.
         used: charge taken from the battery [A·h].
+        motors: rotation speeds [rpm] by motor number.
         late: by how much its time stamps are too late [s].
         booted: when the flight computer was switched on [s after the recording began].
         status: of the flight computer.
@@ -104,6 +106,7 @@ class Snapshot:
     pulses: Mapping[int, int] = field(default_factory=dict)
     throttle: float = 0.0
     used: float = 0.0
+    motors: Mapping[int, float] = field(default_factory=dict)
     late: float = 0.0
     booted: float = -BOOT_BEFORE_RECORDING
     status: Status = field(default_factory=Status)
@@ -126,6 +129,13 @@ class Snapshot:
     def told_late(self, late: float) -> Snapshot:
         """The same, told and stamped this much too late [s]."""
         return replace(self, late=late) if late else self
+
+
+def untold(aircraft: Aircraft) -> frozenset[str]:
+    """Messages that an aircraft without vanes, or without motors that tell their speed, lacks."""
+    vanes = () if aircraft.vanes is not None else ("AOA_SSA",)
+    speeds = any(thruster.rpm_channel is not None for thruster in aircraft.propulsion)
+    return frozenset(vanes if speeds else (*vanes, "RPM", "ESC_TELEMETRY_1_TO_4"))
 
 
 def current(throttle: float) -> float:
@@ -287,6 +297,21 @@ def _battery_status(snapshot: Snapshot) -> Message:
     )
 
 
+def _esc_telemetry_1_to_4(snapshot: Snapshot) -> Message:
+    battery: Received = _battery_status(snapshot)
+    running = [number in snapshot.motors for number in range(1, 5)]
+    volts = sum(battery.voltages[:_CELLS]) // 10
+    return mavlink.MAVLink_esc_telemetry_1_to_4_message(
+        [40 * told for told in running],
+        [volts * told for told in running],
+        [battery.current_battery * told for told in running],
+        [battery.current_consumed * told for told in running],
+        [round(snapshot.motors.get(number, 0.0)) for number in range(1, 5)],
+        # A count of nought says that nothing was ever heard of a motor.
+        [(1 + snapshot.tick) % 65536 * told for told in running],
+    )
+
+
 BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
     "SYSTEM_TIME": _system_time,
     "HEARTBEAT": _heartbeat,
@@ -298,6 +323,7 @@ BUILDERS: Mapping[str, Callable[[Snapshot], Message]] = {
     "SCALED_PRESSURE": _scaled_pressure,
     "AOA_SSA": _aoa_ssa,
     "GLOBAL_POSITION_INT": _global_position_int,
+    "ESC_TELEMETRY_1_TO_4": _esc_telemetry_1_to_4,
 }
 
 

@@ -32,7 +32,7 @@ class Truth:
     """What really happened, one row a tick: SI, rad, `t` in s after `t0_us`.
 
     `p q r` are inertial, `p_air …` what the aerodynamics feel, `wind_*` with gusts, `V` true
-    airspeed; controls are where the surfaces stood.
+    airspeed; controls are where the surfaces stood, `mass`, where fuel is burnt, what is left.
     """
 
     columns: tuple[str, ...]
@@ -60,7 +60,9 @@ class Witness:
             *COEFFICIENTS,
             *flight.flown.control_names,
             *_ATTITUDE_COLUMNS,
+            *(("mass",) if flight.fuel else ()),
         )
+        self._burns = flight.fuel is not None
         # Plain numbers: an hour is 45 MB.
         self._values = array("d")
 
@@ -72,6 +74,8 @@ class Witness:
         self._values.extend(getattr(state, name) for name in COEFFICIENTS)
         self._values.extend(vehicle.controls().values())
         self._values.extend(getattr(state, name) for name in _ATTITUDE_COLUMNS)
+        if self._burns:
+            self._values.append(vehicle.mass())
 
     def truth(self) -> Truth:
         """What has been seen so far."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.sitl import motor
 from gcs_sysid.sitl.autopilot import PERIOD, Mixer
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE
@@ -36,7 +37,9 @@ class Vehicle:
             seed=flight.seed,
             feel=flight.hidden.feel,
             separation=flight.hidden.separation,
+            fuel=flight.fuel,
         )
+        self._flown, self._throttles = flight.flown, [level.throttle] * len(flight.flown.propulsion)
         self._sensors = Sensors(
             flight.flown,
             flight.noise,
@@ -62,8 +65,8 @@ class Vehicle:
         now = self._aircraft.time
         self._actuators.command(now, pulses)
         for step in range(1, round(PERIOD / STEP) + 1):
-            throttles = self._actuators.advance(now + step * STEP)
-            self._aircraft.advance(self._actuators.controls(), throttles)
+            self._throttles = self._actuators.advance(now + step * STEP)
+            self._aircraft.advance(self._actuators.controls(), self._throttles)
 
     def controls(self) -> dict[str, float]:
         """Where the controls stand [rad]."""
@@ -72,6 +75,14 @@ class Vehicle:
     def thrust(self) -> float:
         """Thrust of all engines together [N]."""
         return sum(self._aircraft.thrusts())
+
+    def mass(self) -> float:
+        """What is left of it [kg]."""
+        return self._aircraft.mass()
+
+    def motors(self) -> dict[int, float]:
+        """Rotation speeds [rpm] by motor number."""
+        return motor.speeds(self._flown, self._throttles)
 
 
 def told_late(delays: Mapping[str, float]) -> dict[str, float]:

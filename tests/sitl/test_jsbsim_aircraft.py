@@ -13,6 +13,7 @@ from gcs_sysid.aircraft import Aircraft, Control
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import units
 from gcs_sysid.sitl.jsbsim_aircraft import STEP, JsbsimAircraft, Start, State, Wind
+from gcs_sysid.sitl.jsbsim_xml import Fuel
 from tests.sitl import examples
 
 # JSBSim's weight of a slug has eight digits; everything else is double precision.
@@ -246,11 +247,34 @@ def test_an_aircraft_without_aerodynamics_is_refused():
         JsbsimAircraft(examples.plain({}))
 
 
-def test_thrust_by_measured_speed_is_refused():
+def test_thrust_over_speed_is_thrust_over_the_throttle_that_makes_it():
     aircraft = examples.everything()
-    thruster = dataclasses.replace(aircraft.propulsion[0], rpm=(0.0, 4000.0, 9000.0))
-    with pytest.raises(UsageError, match="rpm"):
-        JsbsimAircraft(dataclasses.replace(aircraft, propulsion=(thruster,)))
+    speeds = (0.0, 3600.0, 9000.0)
+    turning = [
+        dataclasses.replace(thruster, throttle=(), rpm=speeds, rpm_channel=1 + i)
+        for i, thruster in enumerate(aircraft.propulsion)
+    ]
+    states = []
+    for flown in (aircraft, dataclasses.replace(aircraft, propulsion=tuple(turning))):
+        jsb = JsbsimAircraft(flown)
+        for _ in range(5):
+            jsb.advance({}, [0.3, 0.7])
+        states.append((jsb.thrusts(), jsb.state()))
+    assert states[0] == states[1]
+    assert min(states[0][0]) > 1.0
+
+
+def test_fuel_is_burnt_by_throttle_and_taken_from_the_mass():
+    aircraft = examples.everything()
+    jsb = JsbsimAircraft(aircraft, fuel=Fuel(mass=0.5, burn=0.1))
+    assert jsb.mass() == pytest.approx(2.1, rel=1e-9)
+    for _ in range(500):
+        jsb.advance({}, [0.4, 0.8])
+    # Two seconds at six tenths; JSBSim takes the mass of the step before.
+    assert jsb.mass() == pytest.approx(2.1 - 0.12, abs=0.1 * 0.004)
+    for _ in range(5000):
+        jsb.advance({}, [1.0, 1.0])
+    assert jsb.mass() == pytest.approx(1.6, rel=1e-9), "the tank is empty"
 
 
 def test_a_term_of_a_control_uses_the_control():

@@ -17,6 +17,7 @@ from gcs_sysid.sitl import record, scenario, truth
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE, TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
+from gcs_sysid.sitl.jsbsim_xml import Fuel
 from gcs_sysid.sitl.link import Link, tlog
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.record import Flown
@@ -74,7 +75,9 @@ def received(flown, tmp_path_factory) -> list:
 
 def test_messages_come_at_their_rates_less_the_lost(flown, received):
     counts = Counter(message.get_type() for message in received)
-    for name, rate in RATES.items():
+    # Its motor does not tell its speed.
+    assert "ESC_TELEMETRY_1_TO_4" not in counts
+    for name, rate in RATES.items() - {("ESC_TELEMETRY_1_TO_4", 10)}:
         sent = 20.0 * rate
         # Four standard deviations of a binomial loss of 1 %.
         assert abs(counts[name] - 0.99 * sent) <= 1.0 + 4.0 * math.sqrt(0.01 * sent), name
@@ -189,6 +192,39 @@ def test_messages_are_those_asked_for(flight, tmp_path):
     counts = Counter(m.get_type() for m in messages(tlog(flown.frames), tmp_path))
     assert counts.keys() == {*rates, "PARAM_VALUE", "STATUSTEXT"}
     assert (counts["HIGHRES_IMU"], counts["ATTITUDE"]) == (75, 15)
+
+
+def test_motors_tell_their_speed(flight, tmp_path):
+    [thruster] = flight.believed.propulsion
+    speeds = tuple(10_000.0 * throttle for throttle in thruster.throttle)
+    turning = dataclasses.replace(thruster, throttle=(), rpm=speeds, rpm_channel=1)
+    aircraft = dataclasses.replace(flight.believed, propulsion=(turning,))
+    legs = (dataclasses.replace(flight.legs[0], duration=8.0),)
+    flown = record.fly(
+        dataclasses.replace(flight, believed=aircraft, flown=aircraft, legs=legs, link=SURE)
+    )
+    found = messages(tlog(flown.frames), tmp_path)
+    told = [m for m in found if m.get_type() == "ESC_TELEMETRY_1_TO_4"]
+    assert len(told) == 80
+    assert all(m.count[0] > 0 and m.count[1:] == [0, 0, 0] for m in told)
+    # The throttle's pulse through a first-order lag of 80 ms, every tenth of a second.
+    speed, expected = 5000.0, []
+    for number, output in enumerate(m for m in found if m.get_type() == "SERVO_OUTPUT_RAW"):
+        if number % 5 == 0:
+            expected.append(speed)
+        commanded = 10.0 * (output.servo3_raw - 1000)
+        speed = commanded + (speed - commanded) * math.exp(-0.02 / 0.08)
+    # After a second nothing is left of where it began.
+    assert [m.rpm[0] for m in told[10:]] == pytest.approx(expected[10:], abs=1.0)
+    assert np.ptp(expected[10:]) > 2000.0
+
+
+def test_what_is_burnt_is_in_the_truth(flight):
+    legs = (dataclasses.replace(flight.legs[0], duration=2.0, inputs=()),)
+    calm = dataclasses.replace(flight, legs=legs, wind=Wind(), fuel=Fuel(mass=0.2, burn=0.01))
+    mass = record.fly(calm).truth.column("mass")
+    # Ten seconds at about a third of full throttle: eight settling, two recorded.
+    assert 1.90 < mass[-1] < mass[0] - 0.002 < 1.959
 
 
 def test_level_flight_is_the_trim_of_the_derivatives():

@@ -10,6 +10,7 @@ import pytest
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import AircraftFileError, InputError
 from gcs_sysid.sitl import scenario
+from gcs_sysid.sitl.jsbsim_xml import Fuel
 from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.sensors import Noise
 from gcs_sysid.sitl.telemetry import RATES
@@ -96,6 +97,7 @@ def test_radio_rates_noise_and_a_restart_are_read(tmp_path):
 link = { loss = 0.1 }
 rates = { RAW_IMU = 0, HIGHRES_IMU = 25 }
 noise = { gyro = 0.01 }
+fuel = { mass = 0.2, burn = 0.001 }
 reboot = 1.5
 begins ="""
     [planned] = scenario.load(written(tmp_path, TEXT.replace("\nbegins =", more))).flights
@@ -103,6 +105,7 @@ begins ="""
     assert flight.link == Link(loss=0.1)
     assert flight.noise == Noise(gyro=0.01)
     assert flight.reboot == 1.5
+    assert flight.fuel == Fuel(0.2, 0.001)
     assert flight.rates == {
         **{name: rate for name, rate in RATES.items() if name != "RAW_IMU"},
         "HIGHRES_IMU": 25,
