@@ -14,7 +14,17 @@ import click
 
 from gcs_sysid.cli import failures, numerics
 
-COMMANDS = ("inspect", "identify", "predict", "evaluate", "listen", "replay", "sitl", "scenario")
+COMMANDS = (
+    "inspect",
+    "identify",
+    "predict",
+    "evaluate",
+    "simulate",
+    "listen",
+    "replay",
+    "sitl",
+    "scenario",
+)
 
 
 class Program(click.Group):

@@ -34,6 +34,10 @@ model = click.option(
     "--model", "model", metavar="DIR", type=Existing("folder"), required=True,
     help="Model to use: what identify wrote, or model/ in it.",
 )  # fmt: skip
+model_instead = click.option(
+    "--model", "model", metavar="DIR", type=Existing("folder"),
+    help="Identified model to test instead of the aircraft file's aerodynamics.",
+)  # fmt: skip
 segments = click.option(
     "--segments", metavar="FILE", type=Existing("file"),
     help="Maneuvers to use, as inspect writes them; edit the list and give it here.",

@@ -31,3 +31,25 @@ def write(run: Literal["identify", "predict"], summary: Mapping[str, Any], table
     path = table.with_name(REPORT)
     documents.write_text(path, render(summary, samples))
     return ten_lines(summary, path)
+
+
+def sheet(run: Literal["simulate"], summary: Mapping[str, Any], table: Path) -> str:
+    """As `write`, for the runs whose report is findings with sections of tables and figures.
+
+    Args:
+        run: which command made the summary.
+        summary: its document.
+        table: its table, Parquet.
+    """
+    import pyarrow.parquet as parquet
+
+    from gcs_sysid.offline import documents
+    from gcs_sysid.report import sheet as sheets
+    from gcs_sysid.report import simulate
+
+    columns = parquet.read_table(table)
+    samples = {name: columns[name].to_numpy() for name in columns.column_names}
+    made = {"simulate": simulate}[run]
+    path = table.with_name(REPORT)
+    documents.write_text(path, made.render(summary, samples))
+    return sheets.lines(made.findings(summary), path)

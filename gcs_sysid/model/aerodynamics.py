@@ -40,19 +40,20 @@ def tables_of(
 ) -> Float[Array, "*sample"]:
     """What the tables of one coefficient add; arguments as for `coefficient`."""
     total = jnp.zeros_like(next(iter(values.values())))
-    for table in model.tables:
-        total = total + _table(table, values)
+    for item in model.tables:
+        total = total + table(item, values)
     return total
 
 
-def _table(
-    table: TableTerm, values: Mapping[str, Float[ArrayLike, "*sample"]]
+def table(
+    item: TableTerm, values: Mapping[str, Float[ArrayLike, "*sample"]]
 ) -> Float[Array, "*sample"]:
-    where = [_regressor(key, values) for key in table.regressors]
-    breakpoints = [jnp.asarray(points) for points in table.breakpoints]
+    """What one table adds; `values` as for `coefficient`."""
+    where = [_regressor(key, values) for key in item.regressors]
+    breakpoints = [jnp.asarray(points) for points in item.breakpoints]
     if len(where) == 1:
-        return tables.linear(where[0], breakpoints[0], jnp.asarray(table.values))
-    return tables.bilinear(*where, *breakpoints, jnp.asarray(table.values))
+        return tables.linear(where[0], breakpoints[0], jnp.asarray(item.values))
+    return tables.bilinear(*where, *breakpoints, jnp.asarray(item.values))
 
 
 def _regressor(

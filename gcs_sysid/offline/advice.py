@@ -69,13 +69,14 @@ def warnings(flights: Sequence[Flight], model: AeroModel) -> list[str]:
     out: list[str] = []
     for flight in flights:
         out += flight.warnings
-        out += _flight_warnings(flight)
+        out += flight_warnings(flight)
     for name, fit in model.fits.items():
         out += _collinear(name, fit)
     return list(dict.fromkeys(out))
 
 
-def _flight_warnings(flight: Flight) -> list[str]:
+def flight_warnings(flight: Flight) -> list[str]:
+    """What the flight itself limits, whatever the model."""
     out = []
     states = flight.reconstruction
     gust = float(states.noise.gust[0])

@@ -173,8 +173,8 @@ def _measured(
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
 
     def deflections(late: float) -> dict[str, Float[np.ndarray, " sample"]]:
-        time, pulses = _pulses(stream, control_channels(aircraft))
-        moved = actuators.controls(aircraft, pulses, time, at=states.time, extra_delay=late)
+        time, sent = pulses(stream, control_channels(aircraft))
+        moved = actuators.controls(aircraft, sent, time, at=states.time, extra_delay=late)
         return {
             name: np.broadcast_to(np.asarray(value), states.time.shape)
             for name, value in moved.items()
@@ -252,7 +252,7 @@ def control_channels(aircraft: Aircraft) -> tuple[int, ...]:
     return tuple(servo.channel for servo in aircraft.servos if servo.surface in used)
 
 
-def _pulses(
+def pulses(
     stream: Stream, channels: Sequence[int]
 ) -> tuple[Float[np.ndarray, " sample"], dict[int, Float[np.ndarray, " sample"]]]:
     """Times and pulses [µs] of the samples in which every one of `channels` was reported."""
@@ -298,6 +298,21 @@ def _engine(
 ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
     """Thrust [N] and reaction torque [N·m] of one engine."""
     flow = (states.airspeed, states.density)
+    at = setting(recording, engine, states.time)
+    return (
+        np.asarray(propulsion.static_thrust(engine, at, *flow)),
+        np.asarray(propulsion.static_torque(engine, at, *flow)),
+    )
+
+
+def setting(
+    recording: Recording, engine: Propulsion, at: Float[np.ndarray, " grid"]
+) -> Float[np.ndarray, " grid"]:
+    """Throttle, 0 to 1, or rotation speed [rpm] of one engine, whichever its table is over.
+
+    Raises:
+        RefusedError: the recording does not have it.
+    """
     if engine.rpm is not None:
         channel = f"rpm_{engine.rpm_channel}"
         stream = recording.first(RPM_STREAMS, channel)
@@ -309,22 +324,15 @@ def _engine(
                 fix="ask the autopilot for RPM or ESC_TELEMETRY_1_TO_4 at 10 Hz",
             )
         good = stream.valid(channel)
-        setting = np.interp(
-            states.time, np.asarray(stream.time)[good], np.asarray(stream.channels[channel])[good]
+        return np.interp(
+            at, np.asarray(stream.time)[good], np.asarray(stream.channels[channel])[good]
         )
-    else:
-        stream = recording.streams[SERVO_STREAM]
-        if not stream.has(f"pwm_{engine.throttle_channel}"):
-            raise RefusedError(
-                recording.source,
-                f"throttle is not in the log: {SERVO_STREAM} has no servo{engine.throttle_channel}",
-                fix="correct `throttle_channel` in the aircraft file's [propulsion]",
-            )
-        time, pulses = _pulses(stream, (engine.throttle_channel,))
-        setting = np.asarray(
-            propulsion.throttle(engine, pulses[engine.throttle_channel], time, at=states.time)
+    stream = recording.streams[SERVO_STREAM]
+    if not stream.has(f"pwm_{engine.throttle_channel}"):
+        raise RefusedError(
+            recording.source,
+            f"throttle is not in the log: {SERVO_STREAM} has no servo{engine.throttle_channel}",
+            fix="correct `throttle_channel` in the aircraft file's [propulsion]",
         )
-    return (
-        np.asarray(propulsion.static_thrust(engine, setting, *flow)),
-        np.asarray(propulsion.static_torque(engine, setting, *flow)),
-    )
+    time, sent = pulses(stream, (engine.throttle_channel,))
+    return np.asarray(propulsion.throttle(engine, sent[engine.throttle_channel], time, at=at))

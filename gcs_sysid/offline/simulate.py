@@ -1,0 +1,202 @@
+"""`simulate`: the simulation flown on a flight's own controls, and where it departs from it."""
+
+from __future__ import annotations
+
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.offline import (
+    advice,
+    documents,
+    flight,
+    maneuver_choice,
+    summary,
+    tested,
+    tolerances,
+    windows,
+)
+from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.windows import CHANNELS, Simulated, Windows
+
+EVERY = 2
+"""One of so many steps of the integration is kept in the table."""
+UNITS = {"V": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
+
+
+def run(
+    log: Path,
+    *,
+    aircraft: Path | None,
+    model: Path | None,
+    vehicle: int | None,
+    segments: Path | None,
+    out: Path,
+    progress: Progress,
+    columns: Path | None = None,
+) -> dict[str, Any]:
+    """Flies the simulation beside the flight; writes `simulate.json` and `simulated.parquet`.
+
+    Args:
+        log: a recorded flight.
+        aircraft: aircraft file whose aerodynamics to test.
+        model: identified model to test instead.
+        vehicle: which vehicle of the log.
+        segments: maneuvers to use.
+        out: directory for the results.
+        progress: told what is being done.
+        columns: what the columns are where the log is a table.
+
+    Raises:
+        InputError: the log or the simulation cannot be used.
+        UsageError: no simulation is given, or two.
+    """
+    started = clock.perf_counter()
+    under = tested.load(aircraft, model)
+    one = flight.read(
+        log,
+        under.aircraft,
+        vehicle=vehicle,
+        segments=maneuver_choice.chooser(segments, under.aircraft),
+        delay=under.delay,
+        progress=progress,
+        columns=columns,
+    )
+    flown = flight.without_controls(under.aircraft, one.absent)
+    progress("flying the simulation", 0.9)
+    cut = windows.cut(one, flown)
+    if cut.piece.size == 0:
+        raise RefusedError(
+            one.recording.source,
+            f"no maneuver of {windows.LENGTH:.0f} s without a hole in the telemetry",
+            fix="record at least that long without loss",
+        )
+    found = windows.fly(flown, cut)
+    documents.write_table(out / "simulated.parquet", _table(one, cut, found))
+    document = {
+        **summary.header("simulate", under.aircraft, "none"),
+        "simulation": under.source,
+        "flights": summary.flights_document([one]),
+        "windows": {"count": int(cut.piece.size), "length_s": windows.LENGTH},
+        "channels": channels(flown, cut, found),
+        "departures": departures(one, flown, cut, found),
+        "maneuvers": summary.maneuvers([one], []),
+        "reconstruction": summary.reconstruction(one),
+        "compatibility": summary.compatibility(one),
+        "warnings": [*one.warnings, *advice.flight_warnings(one)],
+        "timing": {
+            "read_s": one.read_seconds,
+            "reconstruct_s": one.reconstruct_seconds,
+            "total_s": clock.perf_counter() - started,
+        },
+    }
+    documents.write_json(out / "simulate.json", document)
+    return documents.plain(document)
+
+
+def channels(aircraft: Aircraft, cut: Windows, found: Simulated) -> dict[str, dict[str, Any]]:
+    """How well each channel is simulated: bias and rms of simulated less measured, Theil's U.
+
+    A channel passes where its rms error is within its tolerance, or small against the motion.
+    """
+    limit = tolerances.tolerances(aircraft)
+    document = {}
+    for index, name in enumerate(CHANNELS):
+        measured, simulated = cut.measured[..., index], found.value[..., index]
+        error = simulated - measured
+        rms, inequality = _rms(error), theil(measured, simulated)
+        document[name] = {
+            "bias": float(np.mean(error)),
+            "rms": rms,
+            "theil": inequality,
+            "pass": bool(rms <= limit[name] or inequality <= tolerances.THEIL),
+            "tolerance": limit[name],
+            "expected_sd": _rms(found.deviation[..., index]),
+            "unit": UNITS.get(name, "rad"),
+        }
+    return document
+
+
+def theil(
+    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+) -> float:
+    """Theil's inequality coefficient, 0 for equal and 1 for opposite motions.
+
+    Of the changes since the measured beginning of each window: with an airspeed's or a heading's
+    mean in it any simulation would pass.
+    """
+    first = measured[:, :1]
+    one, other = measured - first, simulated - first
+    size = _rms(one) + _rms(other)
+    return _rms(other - one) / size if size > 0.0 else 0.0
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def departures(
+    one: Flight, aircraft: Aircraft, cut: Windows, found: Simulated
+) -> list[dict[str, Any]]:
+    """Windows in which a channel is out of tolerance, the largest in terms of it first.
+
+    The time is when the error first leaves the tolerance, the size its largest in that window.
+    """
+    limit = tolerances.tolerances(aircraft)
+    kinds = {segment.id: segment.kind for segment in one.segments}
+    listed = []
+    for window, piece in enumerate(cut.piece):
+        for index, name in enumerate(CHANNELS):
+            measured = cut.measured[window : window + 1, :, index]
+            simulated = found.value[window : window + 1, :, index]
+            error = (simulated - measured)[0]
+            small = theil(measured, simulated) <= tolerances.THEIL
+            if small or _rms(error) <= limit[name]:
+                continue
+            first = int(np.argmax(np.abs(error) > limit[name]))
+            largest = float(error[np.argmax(np.abs(error))])
+            listed.append(
+                {
+                    "t_us": int(one.recording.time_us(cut.time[window, first : first + 1])[0]),
+                    "t_s": float(cut.time[window, first]),
+                    "channel": name,
+                    "size": largest,
+                    "unit": UNITS.get(name, "rad"),
+                    "tolerance": limit[name],
+                    "region": _region(kinds[int(piece)], cut.measured[window]),
+                    "maneuver": int(piece),
+                }
+            )
+    return sorted(listed, key=lambda item: -abs(item["size"]) / item["tolerance"])
+
+
+def _region(kind: str, measured: Float[np.ndarray, "sample channel"]) -> str:
+    """Where in the envelope a window was flown, in words."""
+    middle = np.median(measured, axis=0)
+    value = dict(zip(CHANNELS, middle, strict=True))
+    degrees = {name: np.degrees(value[name]) for name in ("alpha", "beta", "phi")}
+    return (
+        f"{kind} at {value['V']:.0f} m/s, alpha {degrees['alpha']:.0f} deg, "
+        f"beta {degrees['beta']:.0f} deg, bank {degrees['phi']:.0f} deg"
+    )
+
+
+def _table(one: Flight, cut: Windows, found: Simulated) -> dict[str, np.ndarray]:
+    """One row a simulated instant: measured, simulated and its standard deviation."""
+    time = cut.time[:, ::EVERY]
+    table = {
+        "time_us": one.recording.time_us(time.ravel()),
+        "t": time.ravel(),
+        "window": np.repeat(np.arange(time.shape[0]), time.shape[1]),
+        "maneuver": np.repeat(cut.piece, time.shape[1]),
+    }
+    for index, name in enumerate(CHANNELS):
+        table[f"{name}_measured"] = cut.measured[:, ::EVERY, index].ravel()
+        table[name] = found.value[:, ::EVERY, index].ravel()
+        table[f"{name}_sd"] = found.deviation[:, ::EVERY, index].ravel()
+    return table

@@ -1,0 +1,206 @@
+"""A simulation flown beside a measured flight: short windows, each from the measured state.
+
+A window is started from the reconstructed state, given the measured controls and the reconstructed
+wind, and left alone for a few seconds; longer, an aircraft that is but a little different ends up
+elsewhere, and nothing can be read from the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.frames import Array
+from gcs_sysid.model import actuators, rigid_body
+from gcs_sysid.model.rigid_body import Inputs, Parameters, State
+from gcs_sysid.offline import flight as flights
+from gcs_sysid.offline.flight import Flight
+
+LENGTH = 3.0
+"""Length of a window [s]."""
+STEP = 0.01
+"""Step of the integration [s]: a quarter of the roll mode of a small aircraft."""
+SHARE = 1e-3
+"""Part of a sigma that a value is moved by to see what it does."""
+CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi")
+
+
+class Windows(NamedTuple):
+    """Measured motion and inputs, cut into windows of equal length.
+
+    Attributes:
+        time: [s after the recording's epoch].
+        piece: maneuver of each window.
+        start: state at the beginning of each.
+        flow_sigma: one standard deviation of airspeed, angle of attack, sideslip there.
+        inputs: what acted on the aircraft.
+        measured: the reconstructed channels, in the order of `CHANNELS` [m/s, rad, rad/s].
+    """
+
+    time: Float[np.ndarray, "window sample"]
+    piece: np.ndarray
+    start: State
+    flow_sigma: Float[np.ndarray, "window three"]
+    inputs: Inputs
+    measured: Float[np.ndarray, "window sample channel"]
+
+
+class Simulated(NamedTuple):
+    """Simulated channels, and one standard deviation of them.
+
+    The deviation is what the sigmas of the aircraft file's aerodynamics and of the state at the
+    window's beginning make of them.
+    """
+
+    value: Float[np.ndarray, "window sample channel"]
+    deviation: Float[np.ndarray, "window sample channel"]
+
+
+def cut(flight: Flight, aircraft: Aircraft) -> Windows:
+    """Windows of a flight: every maneuver from its beginning, without holes in the telemetry."""
+    states = flight.reconstruction
+    bad = flights.beside_holes(states.time)
+    begins, pieces = [], []
+    for segment in flight.segments:
+        for begin in np.arange(segment.start, segment.end - LENGTH + 1e-9, LENGTH):
+            inside = (states.time >= begin) & (states.time <= begin + LENGTH)
+            if inside.sum() > 2 and not bad[inside].any():
+                begins.append(begin)
+                pieces.append(segment.id)
+    count = round(LENGTH / STEP) + 1
+    time = np.array(begins)[:, None] + STEP * np.arange(count) if begins else np.zeros((0, count))
+
+    def at(values: np.ndarray) -> np.ndarray:
+        flat = values.reshape(values.shape[0], -1)
+        columns = [np.interp(time.ravel(), states.time, column) for column in flat.T]
+        return np.stack(columns, axis=1).reshape(*time.shape, *values.shape[1:])
+
+    speed, alpha, beta = at(states.airspeed), at(states.alpha), at(states.beta)
+    rate, wind = at(states.rate), at(states.wind)
+    euler = at(np.unwrap(states.euler, axis=0))
+    through = speed[..., None] * np.stack(
+        [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)], axis=-1
+    )
+    attitude = frames.quaternion_from_euler(euler)
+    position = np.zeros_like(rate)
+    position[..., 2] = -at(states.height)
+    deviation = np.sqrt(np.einsum("sii->si", states.flow_covariance))
+    return Windows(
+        time=time,
+        piece=np.array(pieces, dtype=int),
+        start=State(
+            *(
+                jnp.asarray(values[:, 0])
+                for values in (position, frames.rotate(attitude, through) + wind, attitude, rate)
+            )
+        ),
+        flow_sigma=at(deviation)[:, 0],
+        inputs=_inputs(flight, aircraft, time, wind, at(states.density), speed),
+        measured=np.concatenate([np.stack([speed, alpha, beta], axis=-1), rate, euler], axis=-1),
+    )
+
+
+def _inputs(
+    flight: Flight,
+    aircraft: Aircraft,
+    time: Float[np.ndarray, "window sample"],
+    wind: Float[np.ndarray, "window sample axis"],
+    density: Float[np.ndarray, "window sample"],
+    speed: Float[np.ndarray, "window sample"],
+) -> Inputs:
+    """Deflections and engine settings exactly between the recorded commands."""
+    stream = flight.recording.streams[flights.SERVO_STREAM]
+    when, sent = flights.pulses(stream, flights.control_channels(aircraft))
+    late = flight.delay.value
+    controls = actuators.controls(aircraft, sent, when, at=time.ravel(), extra_delay=late)
+    settings = [
+        flights.setting(flight.recording, engine, time.ravel()).reshape(time.shape)
+        for engine in aircraft.propulsion
+    ]
+    return Inputs(
+        controls={
+            name: jnp.broadcast_to(jnp.asarray(value), (time.size,)).reshape(time.shape)
+            for name, value in controls.items()
+        },
+        settings=jnp.asarray(np.stack(settings, axis=-1))
+        if settings
+        else jnp.zeros((*time.shape, 0)),
+        wind=jnp.asarray(wind),
+        gust_rate=jnp.zeros_like(jnp.asarray(wind)),
+        density=jnp.asarray(density),
+    )
+
+
+def fly(aircraft: Aircraft, windows: Windows) -> Simulated:
+    """The file's aircraft on the measured controls, window by window."""
+    values = rigid_body.parameters(aircraft)
+    time = jnp.asarray(STEP * np.arange(windows.time.shape[1]))
+    sigma = {
+        name: {key: jnp.asarray(item.sigma) for key, item in model.terms.items()}
+        for name, model in aircraft.aerodynamics.items()
+    }
+    count = 3 + sum(len(entry) for entry in sigma.values())
+
+    def one(change: Array, start: State, inputs: Inputs, flow: Array) -> Array:
+        moved = _started(start, inputs, change[:3] * flow)
+        changed = _changed(values, sigma, change[3:])
+        path = rigid_body.propagate(aircraft, changed, moved, inputs, time)
+        return jax.vmap(channels_of)(path, inputs.wind)
+
+    given = (windows.start, windows.inputs, jnp.asarray(windows.flow_sigma))
+    every = jax.vmap(one, in_axes=(None, 0, 0, 0))
+    # The file as it is first, then a small share of each sigma: differences, since a derivative of
+    # the whole flight takes three times as long to compile.
+    moves = jnp.concatenate([jnp.zeros((1, count)), SHARE * jnp.eye(count)])
+    paths = np.asarray(
+        jax.jit(lambda rows: jax.lax.map(lambda row: every(row, *given), rows))(moves)
+    )
+    found = np.unwrap(paths[..., 6:], axis=2)
+    paths = np.concatenate([paths[..., :6], found], axis=-1)
+    turns = (windows.measured[:, :1, 6:] - paths[0, :, :1, 6:]) / (2.0 * np.pi)
+    value = paths[0].copy()
+    value[..., 6:] += 2.0 * np.pi * np.round(turns)
+    spread = (paths[1:] - paths[0]) / SHARE
+    return Simulated(value, np.sqrt(np.sum(spread**2, axis=0)))
+
+
+def _changed(
+    values: Parameters, sigma: Mapping[str, Mapping[str, Array]], change: Array
+) -> Parameters:
+    """Aerodynamic values moved by so many of their sigmas."""
+    shares = iter(change)
+    moved = {
+        name: {
+            key: value + next(shares) * sigma[name][key]
+            for key, value in values.aerodynamics[name].items()
+        }
+        for name in sigma
+    }
+    return values._replace(aerodynamics=moved)
+
+
+def _started(start: State, inputs: Inputs, change: Float[Array, " three"]) -> State:
+    """The first state with other airspeed and flow angles; the wind stays."""
+    wind = inputs.wind[0]
+    through = frames.unrotate(start.attitude, start.velocity - wind)
+    speed, alpha, beta = frames.flow_angles(through)
+    speed, alpha, beta = speed + change[0], alpha + change[1], beta + change[2]
+    turned = speed * jnp.stack(
+        [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
+    )
+    return start._replace(velocity=frames.rotate(start.attitude, turned) + wind)
+
+
+def channels_of(state: State, wind: Float[Array, " axis"]) -> Float[Array, " channel"]:
+    """The channels of one state, in the order of `CHANNELS`."""
+    flow = frames.flow_angles(frames.unrotate(state.attitude, state.velocity - wind))
+    return jnp.concatenate(
+        [jnp.stack(flow), state.rate, frames.euler_from_quaternion(state.attitude)]
+    )

@@ -1,0 +1,66 @@
+"""A report as findings and sections of tables and figures: for runs that answer one question."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+
+from gcs_sysid.figures.data import Figure
+from gcs_sysid.report import page
+from gcs_sysid.report.findings import Finding
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as people read them; the first column names the row."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with what stands under it."""
+
+    name: str
+    heading: str
+    lead: str
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A whole report.
+
+    Attributes:
+        kind: what made it, in words.
+        question: heading of the findings.
+        summary: the run's document, for its aircraft, flights and program.
+        findings: most important first.
+        sections: below them.
+        files: where the numbers are.
+    """
+
+    kind: str
+    question: str
+    summary: Mapping
+    findings: tuple[Finding, ...]
+    sections: tuple[Section, ...]
+    files: str
+
+
+def render(sheet: Sheet) -> str:
+    """The report as one self-contained HTML file."""
+    figures = [figure for section in sheet.sections for figure in section.figures]
+    return page.render("sheet.html.j2", figures, {"sheet": sheet, "summary": sheet.summary})
+
+
+def lines(findings: Sequence[Finding], report_path: str | PathLike[str]) -> str:
+    """The findings for a terminal: at most ten lines, the last naming the report."""
+    shown = [*findings[:9], Finding("Report", fspath(report_path))]
+    width = max(len(finding.topic) for finding in shown)
+    return "\n".join(
+        f"{finding.topic:<{width}}  {' '.join(finding.text.split())}" for finding in shown
+    )

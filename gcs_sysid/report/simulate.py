@@ -1,0 +1,148 @@
+"""The page that `simulate` leaves: how the simulation flies, and where it departs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs_sysid.figures.data import Span
+from gcs_sysid.figures.simulation import history
+from gcs_sysid.report import sheet
+from gcs_sysid.report.findings import Finding
+from gcs_sysid.report.numbers import for_people, number
+from gcs_sysid.report.sheet import Section, Sheet, Table
+
+_BINS = 700
+_LISTED = 20
+
+
+def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
+    """The report of a simulation as one self-contained HTML file.
+
+    Args:
+        summary: the document of `simulate`.
+        table: `simulated.parquet`, one array a column.
+    """
+    spans = tuple(
+        Span(
+            f"{'+'.join(item['controls'])} {item['kind']} {item['id']}".strip(),
+            item["start_s"],
+            item["start_s"] + item["duration_s"],
+            "fitted",
+        )
+        for item in summary["maneuvers"]
+    )
+    return sheet.render(
+        Sheet(
+            kind="Simulation report",
+            question="How the simulation flies this flight",
+            summary=summary,
+            findings=findings(summary),
+            sections=(
+                Section(
+                    "channels",
+                    "Channels",
+                    "Simulated less measured, over all windows. A channel passes where its rms "
+                    "error is within the tolerance, or where Theil's inequality coefficient, 0 "
+                    "for equal motions and 1 for opposite ones, is 0.3 or less.",
+                    tables=(_channels(summary),),
+                ),
+                Section(
+                    "departures",
+                    "Departures",
+                    "Windows in which a channel left its tolerance, the largest first.",
+                    tables=(_departures(summary),),
+                ),
+                Section(
+                    "motion",
+                    "Motion",
+                    "Zooming in time carries over between the panels.",
+                    figures=(history(table, spans, bins=_BINS),),
+                ),
+            ),
+            files="simulate.json and simulated.parquet",
+        )
+    )
+
+
+def findings(summary: Mapping) -> tuple[Finding, ...]:
+    """The headline findings, most important first."""
+    channels = summary["channels"]
+    failed = [name for name, item in channels.items() if not item["pass"]]
+    found = [
+        Finding(
+            "Simulation",
+            f"{summary['simulation']}: {summary['windows']['count']} windows of "
+            f"{summary['windows']['length_s']:.0f} s.",
+        ),
+        Finding(
+            "Verdict",
+            f"departs from the flight in {', '.join(failed)}."
+            if failed
+            else f"flies as measured in all {len(channels)} channels.",
+        ),
+    ]
+    worst = sorted(channels.items(), key=lambda item: -item[1]["theil"])[:3]
+    found.append(
+        Finding(
+            "Least alike",
+            "; ".join(
+                f"{name}: rms {_shown(item['rms'], item['unit'])}, Theil {number(item['theil'], 2)}"
+                for name, item in worst
+            )
+            + ".",
+        )
+    )
+    if summary["departures"]:
+        first = summary["departures"][0]
+        found.append(
+            Finding(
+                "Departs most",
+                f"{first['channel']} by {_shown(first['size'], first['unit'])} at "
+                f"{first['t_s']:.1f} s: {first['region']}.",
+            )
+        )
+    found += [Finding("Warning", text) for text in summary["warnings"][:2]]
+    return tuple(found)
+
+
+def _channels(summary: Mapping) -> Table:
+    return Table(
+        ("channel", "bias", "rms", "tolerance", "expected sd", "Theil", "verdict"),
+        tuple(
+            (
+                name,
+                *(
+                    _shown(item[key], item["unit"])
+                    for key in ("bias", "rms", "tolerance", "expected_sd")
+                ),
+                number(item["theil"], 2),
+                "pass" if item["pass"] else "departs",
+            )
+            for name, item in summary["channels"].items()
+        ),
+    )
+
+
+def _departures(summary: Mapping) -> Table:
+    return Table(
+        ("where", "channel", "from, s", "by", "tolerance"),
+        tuple(
+            (
+                item["region"],
+                item["channel"],
+                f"{item['t_s']:.1f}",
+                _shown(item["size"], item["unit"]),
+                _shown(item["tolerance"], item["unit"]),
+            )
+            for item in summary["departures"][:_LISTED]
+        ),
+    )
+
+
+def _shown(value: float | None, unit: str) -> str:
+    if value is None:
+        return number(value)
+    shown, _, name = for_people(value, 0.0, unit)
+    return f"{number(shown)} {name}"
