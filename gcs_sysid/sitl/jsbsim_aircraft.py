@@ -125,7 +125,7 @@ class State:
     Cn: float
 
 
-_STATE: Mapping[str, tuple[str, float]] = {
+_MOTION: Mapping[str, tuple[str, float]] = {
     "time": ("simulation/sim-time-sec", 1.0),
     "latitude": ("position/lat-geod-rad", 1.0),
     "longitude": ("position/long-gc-rad", 1.0),
@@ -162,7 +162,6 @@ _STATE: Mapping[str, tuple[str, float]] = {
     "density": ("atmosphere/rho-slugs_ft3", units.SLUG_FOOT3),
     "pressure": ("atmosphere/P-psf", units.PSF),
     "temperature": ("atmosphere/T-R", units.RANKINE),
-    **{name: (jsbsim_xml.coefficient_property(name), 1.0) for name in COEFFICIENTS},
 }
 
 
@@ -192,72 +191,31 @@ class _Log(jsbsim.FGLogger):
         _log.log(logging.WARNING if grave else logging.DEBUG, "%s", "".join(self._text).strip())
 
 
-class JsbsimAircraft:
-    """One aircraft in JSBSim.
+class Jsbsim:
+    """JSBSim with some aircraft in it: the way into its air, and what moves.
 
     Args:
-        aircraft: what flies.
-        start: where it begins; the controls stand at zero and it is not in trim.
+        fdm: with its model loaded.
+        start: where it begins.
         wind: moving air.
         seed: of the turbulence, 0 to 2³¹ - 1.
         step: integration step [s].
-        feel: what the air feels of a control, by control; all of it by default.
-        separation: lift lost beyond a stall.
-        fuel: that the engines burn.
-
-    Raises:
-        UsageError: the aircraft cannot be flown; the message says why.
     """
 
     def __init__(
-        self,
-        aircraft: Aircraft,
-        *,
-        start: Start = Start(),
-        wind: Wind = Wind(),
-        seed: int = 0,
-        step: float = STEP,
-        feel: Mapping[str, Feel] | None = None,
-        separation: Separation | None = None,
-        fuel: Fuel | None = None,
+        self, fdm: jsbsim.FGFDMExec, *, start: Start, wind: Wind, seed: int, step: float
     ) -> None:
-        self.aircraft = aircraft
+        self._fdm = fdm
         self._wind = wind
-        self._separation = separation
-        self._fuel, self._burnt = fuel, 0.0
-        self._separated = 0.0
-        self._step = step
-        jsbsim.set_logger(_Log())
-        self._fdm = jsbsim.FGFDMExec(None)
-        self._load(jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation, fuel=fuel))
-        self._fdm.set_dt(step)
-        self._fdm["simulation/randomseed"] = float(seed)
+        fdm.set_dt(step)
+        fdm["simulation/randomseed"] = float(seed)
         self._begin(start, wind)
         node = self._node
-        self._nodes = [(key, node(path), factor) for key, (path, factor) in _STATE.items()]
-        self._controls = {
-            name: node(jsbsim_xml.control_property(name)) for name in aircraft.control_names
-        }
-        thrusters = range(len(aircraft.propulsion))
-        self._throttles = [node(jsbsim_xml.throttle_property(i)) for i in thrusters]
-        self._thrusts = [node(jsbsim_xml.thrust_property(i)) for i in thrusters]
+        self._motion = [(key, node(path), factor) for key, (path, factor) in _MOTION.items()]
         self._winds = [node(f"atmosphere/wind-{axis}-fps") for axis in ("north", "east", "down")]
-        self._altitude, self._alpha = node("position/h-sl-ft"), node("aero/alpha-rad")
-        self._separated_node = node(jsbsim_xml.SEPARATION)
-        self._tank = None if fuel is None else node("inertia/pointmass-weight-lbs")
+        self._altitude = node("position/h-sl-ft")
         self._mass = node("inertia/mass-slugs")
         self._start_altitude = self._altitude.get_double_value()
-
-    def _load(self, text: str) -> None:
-        with tempfile.TemporaryDirectory(prefix="gcs-sysid-") as folder:
-            model = Path(folder) / "sitl"
-            model.mkdir()
-            (model / "sitl.xml").write_text(text, encoding="utf-8")
-            loaded = self._fdm.load_model_with_paths("sitl", folder, folder, folder)
-        if not loaded:
-            raise UsageError(
-                f"JSBSim refuses the model of {self.aircraft.name}; its reason is in the log"
-            )
 
     def _begin(self, start: Start, wind: Wind) -> None:
         fdm, heading = self._fdm, start.heading
@@ -293,24 +251,101 @@ class JsbsimAircraft:
             raise KeyError(f"JSBSim has no property {path}")
         return node
 
-    def advance(self, controls: Mapping[str, float], throttles: list[float]) -> None:
-        """Take one step; `controls` [rad] and `throttles` (0 to 1) are those at its end."""
-        for name, value in controls.items():
-            self._controls[name].set_double_value(value)
-        for node, value in zip(self._throttles, throttles, strict=True):
-            node.set_double_value(value)
+    def _run(self) -> None:
         if self._wind.gradient != 0.0:
             self._shear()
-        if self._separation is not None:
-            self._separate(self._separation)
-        if self._fuel is not None and self._tank is not None:
-            self._burn(self._fuel, self._tank, throttles)
         self._fdm.run()
 
     def _shear(self) -> None:
         climbed = (self._altitude.get_double_value() - self._start_altitude) * units.FOOT
         for node, value in zip(self._winds, self._wind.at(climbed), strict=True):
             node.set_double_value(value / units.FOOT)
+
+    def mass(self) -> float:
+        """What is left of it [kg]."""
+        return self._mass.get_double_value() * units.SLUG
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._fdm.get_sim_time()
+
+    def _moving(self) -> dict[str, float]:
+        return {key: node.get_double_value() * factor for key, node, factor in self._motion}
+
+
+def executive(root: str | None) -> jsbsim.FGFDMExec:
+    """JSBSim without anything in it; `root` holds its own aircraft, engines and systems."""
+    jsbsim.set_logger(_Log())
+    return jsbsim.FGFDMExec(root)
+
+
+class JsbsimAircraft(Jsbsim):
+    """The aircraft of a file in JSBSim.
+
+    Args:
+        aircraft: what flies.
+        start: where it begins; the controls stand at zero and it is not in trim.
+        wind: moving air.
+        seed: of the turbulence, 0 to 2³¹ - 1.
+        step: integration step [s].
+        feel: what the air feels of a control, by control; all of it by default.
+        separation: lift lost beyond a stall.
+        fuel: that the engines burn.
+
+    Raises:
+        UsageError: the aircraft cannot be flown; the message says why.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        *,
+        start: Start = Start(),
+        wind: Wind = Wind(),
+        seed: int = 0,
+        step: float = STEP,
+        feel: Mapping[str, Feel] | None = None,
+        separation: Separation | None = None,
+        fuel: Fuel | None = None,
+    ) -> None:
+        self.aircraft = aircraft
+        self._separation = separation
+        self._fuel, self._burnt = fuel, 0.0
+        self._separated = 0.0
+        self._step = step
+        fdm = executive(None)
+        _load(
+            fdm,
+            jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation, fuel=fuel),
+            name=aircraft.name,
+        )
+        super().__init__(fdm, start=start, wind=wind, seed=seed, step=step)
+        node = self._node
+        self._motion += [
+            (name, node(jsbsim_xml.coefficient_property(name)), 1.0) for name in COEFFICIENTS
+        ]
+        self._controls = {
+            name: node(jsbsim_xml.control_property(name)) for name in aircraft.control_names
+        }
+        thrusters = range(len(aircraft.propulsion))
+        self._throttles = [node(jsbsim_xml.throttle_property(i)) for i in thrusters]
+        self._thrusts = [node(jsbsim_xml.thrust_property(i)) for i in thrusters]
+        self._alpha = node("aero/alpha-rad")
+        self._separated_node = node(jsbsim_xml.SEPARATION)
+        self._tank = None if fuel is None else node("inertia/pointmass-weight-lbs")
+
+    def advance(self, controls: Mapping[str, float], throttles: list[float]) -> None:
+        """Take one step; `controls` [rad] and `throttles` (0 to 1) are those at its end."""
+        for name, value in controls.items():
+            self._controls[name].set_double_value(value)
+        for node, value in zip(self._throttles, throttles, strict=True):
+            node.set_double_value(value)
+        if self._separation is not None:
+            self._separate(self._separation)
+        if self._fuel is not None and self._tank is not None:
+            self._burn(self._fuel, self._tank, throttles)
+        self._run()
 
     def _separate(self, separation: Separation) -> None:
         beyond = max(0.0, self._alpha.get_double_value() - separation.alpha_break)
@@ -322,19 +357,20 @@ class JsbsimAircraft:
         self._burnt += self._step * fuel.burn * sum(throttles) / max(len(throttles), 1)
         tank.set_double_value(jsbsim_xml.weight(max(fuel.mass - self._burnt, 0.0)))
 
-    def mass(self) -> float:
-        """What is left of it [kg]."""
-        return self._mass.get_double_value() * units.SLUG
-
-    @property
-    def time(self) -> float:
-        """Simulated time [s]."""
-        return self._fdm.get_sim_time()
-
     def state(self) -> State:
         """Everything at the present instant."""
-        return State(**{key: node.get_double_value() * factor for key, node, factor in self._nodes})
+        return State(**self._moving())
 
     def thrusts(self) -> list[float]:
         """Thrust of each thruster [N]."""
         return [node.get_double_value() for node in self._thrusts]
+
+
+def _load(fdm: jsbsim.FGFDMExec, text: str, *, name: str) -> None:
+    with tempfile.TemporaryDirectory(prefix="gcs-sysid-") as folder:
+        model = Path(folder) / "sitl"
+        model.mkdir()
+        (model / "sitl.xml").write_text(text, encoding="utf-8")
+        loaded = fdm.load_model_with_paths("sitl", folder, folder, folder)
+    if not loaded:
+        raise UsageError(f"JSBSim refuses the model of {name}; its reason is in the log")
