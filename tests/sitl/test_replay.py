@@ -1,0 +1,53 @@
+"""The scenarios of replay/: whole, and expecting what they hide."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gcs_sysid.offline import scenario as expectations
+from gcs_sysid.sitl import scenario
+from tests.sitl import examples
+
+REPLAY = examples.ROOT / "replay"
+FOLDERS = sorted(path.parent for path in REPLAY.glob("*/scenario.toml"))
+
+
+@pytest.fixture(params=FOLDERS, ids=lambda folder: folder.name)
+def folder(request) -> Path:
+    return request.param
+
+
+def test_a_scenario_is_named_like_its_folder_and_can_be_run(folder):
+    planned = scenario.load(folder / "scenario.toml")
+    assert planned.name == folder.name
+    logs = {flight.name: Path(f"{flight.name}.tlog") for flight in planned.flights}
+    expected = expectations.expected(folder)
+    runs = expectations.plan(expected, logs, planned.aircraft, Path("out"))
+    assert runs
+    assert all(run.expected.data for run in runs if run.command != "identify")
+
+
+def test_flights_differ_in_seed_and_time(folder):
+    flights = [planned.flight for planned in scenario.load(folder / "scenario.toml").flights]
+    assert len({flight.seed for flight in flights}) == len(flights)
+    assert len({flight.epoch_us for flight in flights}) == len(flights)
+
+
+def test_what_is_to_be_diagnosed_is_what_is_hidden(folder):
+    expected = expectations.expected(folder).data.get("diagnose")
+    if expected is None:
+        return
+    told = scenario.load(folder / "scenario.toml").flights[0].told
+    hidden = {effect["name"]: effect["parameters"] for effect in told["effects"]}
+    if not hidden:
+        assert expected == {"verdict": "no_effect"}
+        return
+    assert expected["verdict"] == "effect"
+    found = expected["effects"]
+    assert set(found["holds"] if isinstance(found, dict) else found) == set(hidden)
+    for place in expected.get("ranking", {}).values():
+        for name, wanted in place["parameters"].items():
+            assert wanted["value"] == hidden[expected["cause"]][name]
+            assert wanted["within"] <= 0.25 * abs(wanted["value"])
