@@ -2,7 +2,7 @@
 
 Automatic differentiation of `kinematics.propagate` and `kinematics.innovation` gives the same
 matrices (a test holds both together). Written out they are a tenth of the operations: most of the
-36 columns are zero or one, which a compiler is not told.
+39 columns are zero or one, which a compiler is not told.
 """
 
 from __future__ import annotations
@@ -110,11 +110,13 @@ def linearised(
         **_times((1.0 + speed_scale)[:, None] * jnp.eye(1, 3), _of_flow(pitot, rate, levers.pitot)),
         "airspeed_scale": _without_gust(pitot, rate, levers.pitot)[:1, None],
     }
-    error = part(rest, "attitude_error")
+    error, offset = part(rest, "attitude_error"), part(rest, "attitude_offset")
     ahead = inverse_left_jacobian(residual[4:7])
+    mounted = ahead @ matrix(frames.exponential(offset)).T
     attitude = {
-        **_times(ahead @ matrix(frames.exponential(error)).T, source.turn),
-        "attitude_error": ahead @ right_jacobian(error),
+        **_times(mounted, source.turn),
+        "attitude_error": mounted @ matrix(source.state.attitude).T @ right_jacobian(error),
+        "attitude_offset": ahead @ right_jacobian(offset),
     }
     angles = {
         **_times(

@@ -12,6 +12,11 @@ velocity of the *inertial unit* rather than of the centre of gravity makes the l
 without an angular acceleration: a point r away moves with u + ω × r.
 
 The error state is additive but for the attitude, whose error δθ turns the body axes: q ⊗ exp(δθ).
+
+An autopilot's attitude errs in two ways: e drifts and stays with the ground while the aircraft
+turns (heading, and the vertical that accelerations mislead), o is how its axes are mounted against
+the inertial unit's. What it reports is exp(e) ⊗ q ⊗ exp(o). Taking e for an error of the body axes
+instead, the filter believes every roll to prove the heading right.
 """
 
 from __future__ import annotations
@@ -44,10 +49,11 @@ BLOCKS: dict[str, slice] = {
     "vane_delay": slice(29, 30),
     "gyro_scale": slice(30, 33),
     "accelerometer_scale": slice(33, 36),
+    "attitude_offset": slice(36, 39),
 }
 """Where each part of the error state lies."""
 
-SIZE = 36
+SIZE = 39
 MEASURED: dict[str, slice] = {
     "airspeed": slice(0, 1),
     "velocity": slice(1, 4),
@@ -91,7 +97,7 @@ class Noise(NamedTuple):
         wind_drift: random walk of the steady wind toward north, east, down [m/s/√s].
         gust: standard deviation of the gust toward north, east, down [m/s].
         gust_time: correlation time of the gust [s].
-        attitude_error: slow error of the attitude source: roll, pitch, yaw [rad].
+        attitude_error: slow error of the attitude source, a turn about north, east, down [rad].
         attitude_error_time: its correlation time [s].
         measured: white noise of the measurement rows, in the order of `MEASURED`.
     """
@@ -258,9 +264,10 @@ def innovation(
     speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
     airspeed = measured.airspeed - speed[:1]
     velocity = measured.velocity - part(at(1, "velocity_delay").rest, "velocity")
-    expected = frames.multiply(
-        at(2, "attitude_delay").attitude, frames.exponential(part(rest, "attitude_error"))
+    drifted = frames.multiply(
+        frames.exponential(part(rest, "attitude_error")), at(2, "attitude_delay").attitude
     )
+    expected = frames.multiply(drifted, frames.exponential(part(rest, "attitude_offset")))
     attitude = frames.logarithm(frames.multiply(frames.conjugate(expected), measured.attitude))
     angles = _indicated(at(3, "vane_delay"), rate, levers.vanes, scales)[1:]
     vanes = measured.vanes - angles - part(rest, "vane_bias")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from gcs_sysid import frames
 from gcs_sysid.model.kinematics import MEASURED
 from gcs_sysid.reconstruct.reconstruction import Reconstruction
 
@@ -111,9 +112,7 @@ def check(reconstruction: Reconstruction) -> Compatibility:
             delay=_estimate(reconstruction, "velocity_delay", 0, "s"),
         )
     for index, name in enumerate(("roll", "pitch", "yaw")):
-        error = reconstruction.block("attitude_error")[:, index]
-        spread = reconstruction.deviation("attitude_error")[:, index]
-        bias = Estimate(float(error.mean()), float(spread.mean()), "rad")
+        bias = _attitude_bias(reconstruction, index)
         delay = _estimate(reconstruction, "attitude_delay", 0, "s")
         channels[name] = _measured(
             reconstruction, "attitude", index, unit="rad", bias=bias, delay=delay, name=name
@@ -131,6 +130,20 @@ def check(reconstruction: Reconstruction) -> Compatibility:
                 name=name,
             )
     return Compatibility(channels, _verdict(channels))
+
+
+def _attitude_bias(reconstruction: Reconstruction, index: int) -> Estimate:
+    """Mean error of the attitude about a body axis: how it is mounted, and how it has drifted."""
+    drift = frames.unrotate(
+        reconstruction.smoothed.attitude, reconstruction.block("attitude_error")
+    )
+    value = drift[:, index] + reconstruction.block("attitude_offset")[:, index]
+    # Each error's two parts are told apart only by turns: their sum is known better than this.
+    spread = np.hypot(
+        reconstruction.deviation("attitude_error")[:, index],
+        reconstruction.deviation("attitude_offset")[:, index],
+    )
+    return Estimate(float(value.mean()), float(spread.mean()), "rad")
 
 
 def _along_acceleration(reconstruction: Reconstruction) -> float:

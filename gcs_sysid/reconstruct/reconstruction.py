@@ -52,6 +52,7 @@ PRIOR = {
     "vane_delay": 0.05,
     "gyro_scale": 0.01,
     "accelerometer_scale": 0.01,
+    "attitude_offset": np.deg2rad(1.0),
 }
 """One standard deviation before the flight is looked at; the aircraft file may say otherwise."""
 VERTICAL_WIND = 0.3
@@ -269,9 +270,10 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
     """One round of expectation–maximisation: measurement noise, attitude error, gust intensity.
 
     The gust's is taken from its horizontal component along the flight path, which the pitot tube
-    sees; with vanes from all three components. Steps of the slow processes are taken twice as far:
-    plain expectation–maximisation halves too large a gust once a round and needs many (over-relaxed
-    steps of up to twice the length still converge; Salakhutdinov & Roweis 2003).
+    sees; with vanes from all three components. Its steps are taken twice as far: plain
+    expectation–maximisation halves too large a gust once a round and needs many (over-relaxed steps
+    of up to twice the length still converge; Salakhutdinov & Roweis 2003). The attitude's are not:
+    a flight shows a slow error only a few times, and what it does not show must keep its size.
     """
     residual = np.where(
         np.isfinite(smoothed.residual),
@@ -297,7 +299,9 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
     level, vertical = level**2 / before[0], vertical**2 / before[2]
     slow = BLOCKS["attitude_error"]
     error = np.mean(smoothed.rest[:, slow] ** 2 + smoothed.deviation[:, slow] ** 2, axis=0)
-    error = np.clip(error / np.asarray(noise.attitude_error), LEAST_ATTITUDE_ERROR, np.deg2rad(5.0))
+    # North and east are like each other: the vertical has no heading.
+    error = np.sqrt(np.array([error[:2].mean(), error[:2].mean(), error[2]]))
+    error = np.clip(error, LEAST_ATTITUDE_ERROR, np.deg2rad(5.0))
     return noise._replace(
         attitude_error=jnp.asarray(error),
         measured=jnp.asarray(np.maximum(measured, MEASURED_FLOOR)),

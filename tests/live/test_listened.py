@@ -18,7 +18,7 @@ from gcs_sysid.offline import documents
 from gcs_sysid.reconstruct import measurements
 from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
 from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
-from gcs_sysid.reconstruct.smoother import _Belief, _chunk, _forward
+from gcs_sysid.reconstruct.smoother import CHUNK, _Belief, _chunk, _forward
 from gcs_sysid.sources.registry import open_recording
 
 pytestmark = pytest.mark.slow
@@ -94,9 +94,9 @@ def test_the_live_filter_is_the_batch_runs_forward_filter(rows, batch, aircraft:
         running.observe(row.after, row.measured)
     inputs = jax.tree.map(lambda values: values[chosen], batch.inputs())
     inputs.step[0] = 0.0
-    end, _ = _forward(
-        _Belief(state, jax.numpy.asarray(covariance)), _chunk(inputs, 0), levers, noise
-    )
+    end = _Belief(state, jax.numpy.asarray(covariance))
+    for first in range(0, count, CHUNK):
+        end, _ = _forward(end, _chunk(inputs, first), levers, noise)
     deviation = np.sqrt(np.diagonal(running.P))
     np.testing.assert_allclose(deviation, np.sqrt(np.diagonal(end.covariance)), rtol=0.02)
     apart = np.abs(running.x - np.asarray(end.state.rest)) / np.maximum(deviation, 1e-12)

@@ -79,6 +79,7 @@ def random_state(seed: int) -> State:
             accelerometer_bias=rng.standard_normal(3) * 0.2,
             gyro_bias=rng.standard_normal(3) * 0.02,
             attitude_error=rng.standard_normal(3) * 0.03,
+            attitude_offset=rng.standard_normal(3) * 0.02,
             airspeed_scale=[0.07],
             vane_bias=[0.02, -0.03],
             vane_scale=[0.1, -0.05],
@@ -313,7 +314,10 @@ def seen_from(state: State, sample: Imu, levers: Levers, *, age: np.ndarray) -> 
     u, v, w = flow(3, "vane_delay", levers.vanes)
     angles = np.array([np.arctan2(w, u), np.arctan2(v, np.hypot(u, w))])
     speed = np.linalg.norm(flow(0, "airspeed_delay", levers.pitot))
-    attitude = at(2, "attitude_delay")[0] * Rotation.from_rotvec(blocks["attitude_error"])
+    drift, offset = (
+        Rotation.from_rotvec(blocks[name]) for name in ("attitude_error", "attitude_offset")
+    )
+    attitude = drift * at(2, "attitude_delay")[0] * offset
     return Measurements(
         airspeed=jnp.asarray((1.0 + blocks["airspeed_scale"]) * speed),
         velocity=jnp.asarray(at(1, "velocity_delay")[1]),

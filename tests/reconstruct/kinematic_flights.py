@@ -236,7 +236,7 @@ def flight(
         wind=np.array(wind),
         drift=drift * (gust > 0.0),
         gust=_gauss_markov(rng, count, gust * np.array([1.0, 1.0, 1.4]), GUST_TIME),
-        attitude_error=slow * attitude_error + errors.attitude_offset,
+        attitude_error=slow * attitude_error,
     )
     time = begin + np.arange(round(duration * rate)) / rate
     streams = _streams(rng, time, errors, air, noise, lost, accelerometer)
@@ -316,8 +316,9 @@ def _streams(
 
     at = clock(25.0)
     attitude, _, turning, _ = _motion(at - errors.attitude_delay)
-    wrong = air.at("attitude_error", at - errors.attitude_delay) + white((at.size, 3), 0.004)
-    angles = frames.euler_from_quaternion(frames.multiply(attitude, frames.exponential(wrong)))
+    drift = frames.exponential(air.at("attitude_error", at - errors.attitude_delay))
+    wrong = frames.exponential(errors.attitude_offset + white((at.size, 3), 0.004))
+    angles = frames.euler_from_quaternion(frames.multiply(frames.multiply(drift, attitude), wrong))
     columns = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
     columns |= dict(zip("pqr", (turning + errors.gyro_bias + white(turning.shape, 0.004)).T,
                         strict=True))  # fmt: skip
