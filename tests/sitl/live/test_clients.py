@@ -7,7 +7,8 @@ import contextlib
 import json
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,20 +81,27 @@ def test_pymavlink_over_tcp(flying):
     client.close()
 
 
-def test_mavsdk_finds_a_plane_and_reads_its_telemetry(flying):
+@contextlib.asynccontextmanager
+async def mavsdk_system(flying) -> AsyncIterator[Any]:
+    """The vehicle, as MAVSDK finds it."""
     from mavsdk import ComponentType, Configuration
     from mavsdk.asyncio import Mavsdk
-    from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
     port = free_port(socket.SOCK_DGRAM)
+    configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+    async with Mavsdk(configuration) as sdk:
+        await sdk.add_any_connection(f"udpin://127.0.0.1:{port}")
+        flying(f"udpout:127.0.0.1:{port}")
+        system = await sdk.first_autopilot(10.0)
+        assert system is not None
+        yield system
+
+
+def test_mavsdk_finds_a_plane_and_reads_its_telemetry(flying):
+    from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
     async def look() -> tuple[float, bool]:
-        configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
-        async with Mavsdk(configuration) as sdk:
-            await sdk.add_any_connection(f"udpin://127.0.0.1:{port}")
-            flying(f"udpout:127.0.0.1:{port}")
-            system = await sdk.first_autopilot(10.0)
-            assert system is not None
+        async with mavsdk_system(flying) as system:
             telemetry, armed = TelemetryAsync(system), False
             async with asyncio.timeout(15):
                 async for value in telemetry.subscribe_armed():
@@ -106,6 +114,44 @@ def test_mavsdk_finds_a_plane_and_reads_its_telemetry(flying):
     height, armed = asyncio.run(look())
     assert armed
     assert height == pytest.approx(usual().start.height, abs=5.0)
+
+
+@pytest.mark.slow
+def test_mavsdk_sets_parameters_loads_a_mission_and_changes_modes_and_rates(flying):
+    from mavsdk.asyncio.plugins.action import ActionAsync
+    from mavsdk.asyncio.plugins.mission_raw import MissionItem, MissionRawAsync
+    from mavsdk.asyncio.plugins.param import ParamAsync
+    from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+    from mavsdk.plugins.telemetry import FlightMode
+
+    latitudes = [round(latitude * 1e7) for latitude in (47.3, 47.302, 47.304)]
+    items = [
+        MissionItem(i, 3, 16, int(i == 0), 1, 0.0, 0.0, 0.0, 0.0, x, round(8.5e7), 130.0, 0)
+        for i, x in enumerate(latitudes)
+    ]
+
+    async def reached(telemetry, mode: FlightMode) -> None:
+        async for found in telemetry.subscribe_flight_mode():
+            if found == mode:
+                return
+
+    async def use() -> tuple[float, list[int]]:
+        async with mavsdk_system(flying) as system, asyncio.timeout(60):
+            mission, parameters = MissionRawAsync(system), ParamAsync(system)
+            telemetry = TelemetryAsync(system)
+            await parameters.set_param_float("WP_LOITER_RAD", 90.0)
+            await mission.upload_mission(items)
+            await telemetry.set_rate_attitude_euler(10.0)
+            await ActionAsync(system).return_to_launch()
+            await reached(telemetry, FlightMode.RETURN_TO_LAUNCH)
+            await mission.start_mission()
+            await reached(telemetry, FlightMode.MISSION)
+            loaded = await mission.download_mission()
+            return await parameters.get_param_float("WP_LOITER_RAD"), [item.x for item in loaded]
+
+    radius, loaded = asyncio.run(use())
+    assert radius == 90.0
+    assert loaded == latitudes
 
 
 def test_the_command_line_flies_live(capsys):
