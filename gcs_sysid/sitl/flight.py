@@ -54,6 +54,8 @@ class Flight:
         seed: of everything random, 0 to 2³¹ - 1.
         epoch_us: wall time at which the recording begins [µs since 1970].
         hidden: what really happens beside `flown`.
+        shipped: an aircraft of JSBSim's own whose mass, aerodynamics and engine fly instead of
+            those of `flown`; servos and sensors are those of `flown`.
     """
 
     believed: Aircraft
@@ -69,6 +71,7 @@ class Flight:
     seed: int = 0
     epoch_us: int = EPOCH_US
     hidden: Hidden = field(default_factory=Hidden)
+    shipped: str | None = None
 
     @property
     def duration(self) -> float:

@@ -12,9 +12,10 @@ from gcs_sysid.sitl import motor
 from gcs_sysid.sitl.autopilot import PERIOD, Mixer
 from gcs_sysid.sitl.flight import Flight
 from gcs_sysid.sitl.inputs import THROTTLE
-from gcs_sysid.sitl.jsbsim_aircraft import STEP, JsbsimAircraft, State
+from gcs_sysid.sitl.jsbsim_aircraft import STEP, JsbsimAircraft, Start, State
 from gcs_sysid.sitl.sensors import Measurement, Sensors
 from gcs_sysid.sitl.servo import Actuator, surface, throttle
+from gcs_sysid.sitl.shipped import ShippedAircraft
 from gcs_sysid.sitl.slopes import slopes, trim
 
 OUTPUTS = "SERVO_OUTPUT_RAW"
@@ -30,14 +31,8 @@ class Vehicle:
 
     def __init__(self, flight: Flight, *, generator: np.random.Generator) -> None:
         level = trim(flight.believed, flight.start.airspeed)
-        self._aircraft = JsbsimAircraft(
-            flight.flown,
-            start=replace(flight.start, alpha=level.alpha, bank=level.bank),
-            wind=flight.wind,
-            seed=flight.seed,
-            feel=flight.hidden.feel,
-            separation=flight.hidden.separation,
-            fuel=flight.fuel,
+        self._aircraft = _in_jsbsim(
+            flight, replace(flight.start, alpha=level.alpha, bank=level.bank)
         )
         self._flown, self._throttles = flight.flown, [level.throttle] * len(flight.flown.propulsion)
         self._sensors = Sensors(
@@ -83,6 +78,20 @@ class Vehicle:
     def motors(self) -> dict[int, float]:
         """Rotation speeds [rpm] by motor number."""
         return motor.speeds(self._flown, self._throttles)
+
+
+def _in_jsbsim(flight: Flight, start: Start) -> JsbsimAircraft | ShippedAircraft:
+    if flight.shipped is not None:
+        return ShippedAircraft(flight.shipped, start=start, wind=flight.wind, seed=flight.seed)
+    return JsbsimAircraft(
+        flight.flown,
+        start=start,
+        wind=flight.wind,
+        seed=flight.seed,
+        feel=flight.hidden.feel,
+        separation=flight.hidden.separation,
+        fuel=flight.fuel,
+    )
 
 
 def told_late(delays: Mapping[str, float]) -> dict[str, float]:
