@@ -23,8 +23,8 @@ A log is a MAVLink telemetry log (`.tlog`), or a table (`.csv`, `.parquet`, `.ma
 [column map](tables.md). Results go to `--out`, `./LOG-COMMAND` unless given;
 files of the same names that this program did not write are never overwritten.
 
-Environment: `GCS_SYSID_DEBUG=1` shows tracebacks; `GCS_SYSID_CACHE_DIR` is where compiled code is
-kept between runs instead of the platform's cache folder.
+Environment: `GCS_SYSID_DEBUG=1` shows tracebacks; `GCS_SYSID_CACHE_DIR` is where compiled code and
+the flights of scenarios are kept between runs instead of the platform's cache folder.
 """
 
 

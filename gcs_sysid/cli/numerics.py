@@ -8,14 +8,15 @@ import sys
 from pathlib import Path
 
 CACHE = "GCS_SYSID_CACHE_DIR"
-"""Environment variable: where compiled code is kept instead of the platform's cache folder."""
+"""Environment variable: where compiled code, and flights of scenarios, are kept instead of the
+platform's cache folder."""
 
 _LOG = logging.getLogger(__name__)
 _WORTH_KEEPING = 0.1  # s of compilation; reading an entry back takes some milliseconds
 
 
 def cache_folder() -> Path:
-    """Where this user's compiled code is kept: `$GCS_SYSID_CACHE_DIR`, or the platform's place."""
+    """Where this user's things are kept: `$GCS_SYSID_CACHE_DIR`, or the platform's place."""
     if chosen := os.environ.get(CACHE):
         return Path(chosen)
     if sys.platform == "darwin":
