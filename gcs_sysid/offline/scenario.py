@@ -15,6 +15,8 @@
     elevator = { value = -0.55, within = 0.03 }
     [predict.second.coefficients.Cm]  # summary.json of the second flight with that model
     relative_error = { most = 40 }
+    [simulate.first.channels]    # simulate.json of the first flight with the aircraft file
+    q = { pass = false }
     [diagnose]                   # diagnosis.json
     verdict = "effect"
 """
@@ -40,6 +42,7 @@ PLAN, EXPECTED, DOCUMENT = "scenario.toml", "expected.toml", "scenario.json"
 _DOCUMENTS = {
     "identify": "summary.json",
     "predict": "summary.json",
+    "simulate": "simulate.json",
     "diagnose": "diagnosis.json",
 }
 """What each command leaves."""
@@ -121,6 +124,11 @@ def plan(expected: Section, logs: Mapping[str, Path], aircraft: Path, out: Path)
     for name in predicted.data:
         arguments = [str(logs[name]), "--model", str(out / "identify")]
         found.append(_run(f"predict-{name}", "predict", arguments, predicted.table(name), out))
+    simulated = _section(expected, "simulate")
+    simulated.allow_only(*logs)
+    for name in simulated.data:
+        arguments = [str(logs[name]), *about]
+        found.append(_run(f"simulate-{name}", "simulate", arguments, simulated.table(name), out))
     if expected.has("diagnose"):
         held = [] if holdout is None else ["--holdout", str(logs[holdout])]
         arguments = [*_paths(logs, _chosen(runs, "diagnose", logs, fitted)), *about, *held]

@@ -42,6 +42,14 @@ def test_runs_are_what_the_file_says(tmp_path):
     )
 
 
+def test_a_flight_is_simulated_with_the_file(tmp_path):
+    [simulate] = runs(tmp_path, "[simulate.two]\n")
+    assert simulate.arguments == (
+        *("two.tlog", "--aircraft", "aircraft.toml", "--out", "out/simulate-two"),
+    )
+    assert simulate.document == Path("out/simulate-two/simulate.json")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
