@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.sitl.jsbsim_aircraft import Start, Wind
-from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel, Separation
+from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel
 from gcs_sysid.sitl.link import Link
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.sensors import Noise
@@ -27,13 +27,13 @@ class Hidden:
         delays: by message type [s]: what a message says was true `delay` before its time stamp;
             a servo output moves its surface `delay` after (before, where negative).
         feel: how much of a control's deflection the air feels, by control.
-        separation: lift lost with the flow, which comes and goes late.
+        stall_lag: how late what lies beyond a knot of alpha comes and goes [s]: a hysteresis.
     """
 
     heading_bias: float = 0.0
     delays: Mapping[str, float] = field(default_factory=dict)
     feel: Mapping[str, Feel] = field(default_factory=dict)
-    separation: Separation | None = None
+    stall_lag: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import jsbsim
 from gcs_sysid.aircraft import COEFFICIENTS, ZERO, Aircraft, Vector
 from gcs_sysid.errors import UsageError
 from gcs_sysid.sitl import jsbsim_xml, units
-from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel, Separation
+from gcs_sysid.sitl.jsbsim_xml import Feel, Fuel
 
 _log = logging.getLogger(__name__)
 
@@ -290,7 +290,7 @@ class JsbsimAircraft(Jsbsim):
         seed: of the turbulence, 0 to 2³¹ - 1.
         step: integration step [s].
         feel: what the air feels of a control, by control; all of it by default.
-        separation: lift lost beyond a stall.
+        stall_lag: how late what lies beyond a knot of alpha comes and goes [s].
         fuel: that the engines burn.
 
     Raises:
@@ -306,18 +306,17 @@ class JsbsimAircraft(Jsbsim):
         seed: int = 0,
         step: float = STEP,
         feel: Mapping[str, Feel] | None = None,
-        separation: Separation | None = None,
+        stall_lag: float = 0.0,
         fuel: Fuel | None = None,
     ) -> None:
         self.aircraft = aircraft
-        self._separation = separation
+        self._stall_lag = stall_lag
         self._fuel, self._burnt = fuel, 0.0
-        self._separated = 0.0
         self._step = step
         fdm = executive(None)
         _load(
             fdm,
-            jsbsim_xml.model_xml(aircraft, feel=feel, separation=separation, fuel=fuel),
+            jsbsim_xml.model_xml(aircraft, feel=feel, late_stall=stall_lag > 0.0, fuel=fuel),
             name=aircraft.name,
         )
         super().__init__(fdm, start=start, wind=wind, seed=seed, step=step)
@@ -332,7 +331,8 @@ class JsbsimAircraft(Jsbsim):
         self._throttles = [node(jsbsim_xml.throttle_property(i)) for i in thrusters]
         self._thrusts = [node(jsbsim_xml.thrust_property(i)) for i in thrusters]
         self._alpha = node("aero/alpha-rad")
-        self._separated_node = node(jsbsim_xml.SEPARATION)
+        knots = jsbsim_xml.knots(aircraft) if stall_lag > 0.0 else ()
+        self._late = [(knot, node(jsbsim_xml.late_property(i))) for i, knot in enumerate(knots)]
         self._tank = None if fuel is None else node("inertia/pointmass-weight-lbs")
 
     def advance(self, controls: Mapping[str, float], throttles: list[float]) -> None:
@@ -341,17 +341,18 @@ class JsbsimAircraft(Jsbsim):
             self._controls[name].set_double_value(value)
         for node, value in zip(self._throttles, throttles, strict=True):
             node.set_double_value(value)
-        if self._separation is not None:
-            self._separate(self._separation)
+        if self._late:
+            self._separate()
         if self._fuel is not None and self._tank is not None:
             self._burn(self._fuel, self._tank, throttles)
         self._run()
 
-    def _separate(self, separation: Separation) -> None:
-        beyond = max(0.0, self._alpha.get_double_value() - separation.alpha_break)
-        share = -math.expm1(-self._step / separation.lag)
-        self._separated += share * (beyond - self._separated)
-        self._separated_node.set_double_value(self._separated)
+    def _separate(self) -> None:
+        alpha = self._alpha.get_double_value()
+        share = -math.expm1(-self._step / self._stall_lag)
+        for knot, node in self._late:
+            late = node.get_double_value()
+            node.set_double_value(late + share * (max(0.0, alpha - knot) - late))
 
     def _burn(self, fuel: Fuel, tank: jsbsim.FGPropertyNode, throttles: list[float]) -> None:
         self._burnt += self._step * fuel.burn * sum(throttles) / max(len(throttles), 1)

@@ -43,10 +43,6 @@ _VARIABLES = {
 }
 
 
-SEPARATION = "sitl/separation"
-"""Property that holds how far the flow has separated: alpha beyond the break, late [rad]."""
-
-
 @dataclass(frozen=True)
 class Feel:
     """The share of a control's deflection that the air feels.
@@ -74,18 +70,6 @@ class Fuel:
     burn: float
 
 
-@dataclass(frozen=True)
-class Separation:
-    """Lift lost beyond a stall: CZ gets `slope`·x, where x follows max(0, alpha - alpha_break).
-
-    x is first order with `lag` [s], so that the loss comes late and goes late: a hysteresis.
-    """
-
-    alpha_break: float
-    slope: float
-    lag: float
-
-
 def control_property(name: str) -> str:
     """Property that holds a control [rad]."""
     return f"sitl/control/{name}"
@@ -94,6 +78,23 @@ def control_property(name: str) -> str:
 def felt_property(name: str) -> str:
     """Property that holds what the air feels of a control [rad]."""
     return f"sitl/felt/{name}"
+
+
+def late_property(knot: int) -> str:
+    """Property that holds how far alpha was beyond a knot, late [rad]."""
+    return f"sitl/late/knot-{knot}"
+
+
+def knots(aircraft: Aircraft) -> tuple[float, ...]:
+    """Angles of attack beyond which something of the aircraft changes, in order [rad]."""
+    found = {
+        factor.knot
+        for model in aircraft.aerodynamics.values()
+        for key in model.terms
+        for factor in regressors.parse(key, controls=aircraft.control_names).factors
+        if _stalls(factor)
+    }
+    return tuple(sorted(found))
 
 
 def throttle_property(thruster: int) -> str:
@@ -120,7 +121,7 @@ def model_xml(
     aircraft: Aircraft,
     *,
     feel: Mapping[str, Feel] | None = None,
-    separation: Separation | None = None,
+    late_stall: bool = False,
     fuel: Fuel | None = None,
 ) -> str:
     """The JSBSim model of an aircraft.
@@ -128,7 +129,8 @@ def model_xml(
     Args:
         aircraft: with `aerodynamics`; everything in SI and radians.
         feel: what the air feels of a control, by control; all of it by default.
-        separation: lift lost beyond a stall.
+        late_stall: what lies beyond a knot of alpha is the late angle of `late_property`, which
+            somebody keeps up, and not the present one.
         fuel: a part of the mass that can become less.
 
     Returns:
@@ -146,7 +148,7 @@ def model_xml(
     root.append(_metrics(aircraft))
     root.append(_mass_balance(aircraft, fuel))
     ElementTree.SubElement(root, "ground_reactions")
-    root.append(_aerodynamics(aircraft, feel or {}, separation))
+    root.append(_aerodynamics(aircraft, feel or {}, late_stall=late_stall))
     root.append(_external_reactions(aircraft))
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -186,13 +188,12 @@ def _mass_balance(aircraft: Aircraft, fuel: Fuel | None) -> Node:
     return balance
 
 
-def _aerodynamics(
-    aircraft: Aircraft, feel: Mapping[str, Feel], separation: Separation | None
-) -> Node:
+def _aerodynamics(aircraft: Aircraft, feel: Mapping[str, Feel], *, late_stall: bool) -> Node:
     aerodynamics = Node("aerodynamics")
     inputs = [control_property(name) for name in aircraft.control_names]
     inputs += [throttle_property(i) for i in range(len(aircraft.propulsion))]
-    inputs.append(SEPARATION)
+    late = {knot: late_property(i) for i, knot in enumerate(knots(aircraft))} if late_stall else {}
+    inputs += late.values()
     for name in inputs:
         ElementTree.SubElement(aerodynamics, "property", value="0.0").text = name
     # Evaluated in this order before the axes, once a step, and held: so what is read after a step
@@ -202,7 +203,7 @@ def _aerodynamics(
     for name in aircraft.control_names:
         _function(aerodynamics, felt_property(name)).append(_felt(name, feel.get(name, Feel())))
     for name in COEFFICIENTS:
-        for function in _coefficient(aircraft, name, separation):
+        for function in _coefficient(aircraft, name, late):
             aerodynamics.append(function)
     for name in COEFFICIENTS:
         axis = ElementTree.SubElement(aerodynamics, "axis", name=_AXES[name])
@@ -242,22 +243,20 @@ def _felt(name: str, feel: Feel) -> Node:
     return _operation("product", feel.gain, control_property(name), share)
 
 
-def _coefficient(aircraft: Aircraft, name: str, separation: Separation | None) -> Iterable[Node]:
+def _coefficient(aircraft: Aircraft, name: str, late: Mapping[float, str]) -> Iterable[Node]:
     model = aircraft.aerodynamics.get(name)
     terms: list[Node | str | float] = []
     for key, value in model.terms.items() if model else ():
-        factors = _factors(regressors.parse(key, controls=aircraft.control_names))
+        factors = _factors(regressors.parse(key, controls=aircraft.control_names), late)
         terms.append(_operation("product", 1.0, value.value, *factors))
     for i, table in enumerate(model.tables if model else ()):
         axes = [f"sitl/table/{name}-{i}-{axis}" for axis in range(len(table.regressors))]
         for axis, key in zip(axes, table.regressors, strict=True):
             function = Node("function", name=axis)
-            factors = _factors(regressors.parse(key, controls=aircraft.control_names))
+            factors = _factors(regressors.parse(key, controls=aircraft.control_names), late)
             function.append(_operation("product", 1.0, 1.0, *factors))
             yield function
         terms.append(_aerodynamic_table(table, axes))
-    if separation is not None and name == "CZ":
-        terms.append(_operation("product", separation.slope, SEPARATION))
     function = Node("function", name=coefficient_property(name))
     function.append(_operation("sum", 0.0, 0.0, *terms))
     yield function
@@ -316,16 +315,24 @@ def _table(
     return node
 
 
-def _factors(regressor: Regressor) -> list[Node | str]:
-    return [part for factor in regressor.factors for part in [_factor(factor)] * factor.exponent]
+def _factors(regressor: Regressor, late: Mapping[float, str]) -> list[Node | str]:
+    return [
+        part for factor in regressor.factors for part in [_factor(factor, late)] * factor.exponent
+    ]
 
 
-def _factor(factor: Factor) -> Node | str:
+def _factor(factor: Factor, late: Mapping[float, str]) -> Node | str:
+    if _stalls(factor) and factor.knot in late:
+        return late[factor.knot]
     name = _VARIABLES.get(factor.variable) or felt_property(factor.variable)
     if factor.side == 0:
         return name
     operands = (name, factor.knot) if factor.side > 0 else (factor.knot, name)
     return _operation("max", 0.0, _operation("difference", *operands))
+
+
+def _stalls(factor: Factor) -> bool:
+    return factor.variable == "alpha" and factor.side > 0
 
 
 def _quotient(numerator: Node | str, denominator: Node | str) -> Node:

@@ -89,7 +89,7 @@ def _in_jsbsim(flight: Flight, start: Start) -> JsbsimAircraft | ShippedAircraft
         wind=flight.wind,
         seed=flight.seed,
         feel=flight.hidden.feel,
-        separation=flight.hidden.separation,
+        stall_lag=flight.hidden.stall_lag,
         fuel=flight.fuel,
     )
 

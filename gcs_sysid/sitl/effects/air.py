@@ -16,7 +16,7 @@ from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.errors import RegressorError
 from gcs_sysid.sitl.effects import changes
 from gcs_sysid.sitl.flight import Flight
-from gcs_sysid.sitl.jsbsim_xml import Separation
+from gcs_sysid.sitl.jsbsim_xml import knots
 from gcs_sysid.sitl.terms import slope
 
 _HEIGHTS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0)
@@ -85,16 +85,17 @@ def unlisted(flight: Flight, entry: Section) -> Flight:
 def stall(flight: Flight, entry: Section) -> Flight:
     """`alpha_break` [rad], `slope_loss`: share of the lift slope lost beyond it.
 
-    With `lag` [s] the loss comes and goes late, which is a hysteresis; without, it is immediate.
+    With `lag` [s] all that happens beyond a knot of alpha comes and goes late, which is a
+    hysteresis; alone, it is the file's own stall that does.
     """
     entry.allow_only("name", "alpha_break", "slope_loss", "lag")
+    lag = entry.number("lag", "s", default=0.0, least=0.0)
+    late = replace(flight, hidden=replace(flight.hidden, stall_lag=lag))
+    if lag > 0.0 and not entry.has("alpha_break") and knots(flight.flown):
+        return late
     beyond = entry.number("alpha_break", "rad", above=0.0)
     lost = -entry.number("slope_loss", "1") * slope(flight.flown, "CZ", "alpha")
-    lag = entry.number("lag", "s", default=0.0, least=0.0)
-    if lag == 0.0:
-        return _added(flight, {"CZ": {f"max(0, alpha - {beyond!r})": lost}})
-    separation = Separation(beyond, lost, lag)
-    return replace(flight, hidden=replace(flight.hidden, separation=separation))
+    return _added(late, {"CZ": {f"max(0, alpha - {beyond!r})": lost}})
 
 
 def ground_effect(flight: Flight, entry: Section) -> Flight:

@@ -80,7 +80,7 @@ def flying(made: Flight, *, height: float | None = None, **more: Any) -> JsbsimA
         start=start,
         wind=made.wind,
         feel=made.hidden.feel,
-        separation=made.hidden.separation,
+        stall_lag=made.hidden.stall_lag,
         **more,
     )
 

@@ -6,8 +6,10 @@ import math
 
 import pytest
 
-from gcs_sysid.sitl.effects import air
+from gcs_sysid.errors import AircraftFileError
+from gcs_sysid.sitl.effects import air, changes
 from gcs_sysid.sitl.jsbsim_aircraft import STEP, Wind
+from tests.sitl import examples
 from tests.sitl.effects import hidden
 
 COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
@@ -80,6 +82,33 @@ def test_lift_is_lost_late_and_comes_back_late():
     assert abs(lost_rising[0] - at) < 0.01
     assert abs(lost_falling[0] - at) < 0.01
     assert lost_falling[1] > lost_rising[1] + 0.02
+
+
+def test_a_stall_of_the_file_itself_can_come_late():
+    """Every knot in every coefficient, against an integration over the angle of attack flown."""
+    beyond = {"CZ": {"max(0, alpha - 0.1)": 3.0}, "CX": {"alpha*max(0, alpha - 0.07)^2": -9.0}}
+    stalling = changes.add_terms(examples.ultra_stick(), beyond)
+    aircraft = hidden.flying(hidden.hide("stall", hidden.flight(stalling), lag=0.2))
+    late, alpha, largest = {0.07: 0.0, 0.1: 0.0}, aircraft.state().alpha, 0.0
+    for step in range(300):
+        elevator = -0.25 if step < 200 else 0.15
+        for knot in late:
+            late[knot] += -math.expm1(-STEP / 0.2) * (max(0.0, alpha - knot) - late[knot])
+        aircraft.advance({"elevator": elevator}, [0.3])
+        state = aircraft.state()
+        alpha = state.alpha
+        qhat = state.q_air * 0.25 / (2.0 * state.V)
+        force = -0.1086 - 4.625 * alpha - 8.136 * qhat - 0.0983 * elevator + 3.0 * late[0.1]
+        axial = -0.0446 + 0.199 * alpha + 2.89 * alpha**2 - 0.0135 * elevator
+        axial -= 9.0 * alpha * late[0.07] ** 2
+        assert [state.CZ, state.CX] == pytest.approx([force, axial], abs=1e-9)
+        largest = max(largest, abs(late[0.1] - max(0.0, alpha - 0.1)))
+    assert largest > 0.01
+
+
+def test_without_a_stall_in_the_file_a_late_one_needs_a_size():
+    with pytest.raises(AircraftFileError, match="alpha_break"):
+        hidden.hide("stall", lag=0.3)
 
 
 def test_the_ground_adds_lift_takes_drag_and_pitches_down():
