@@ -44,13 +44,13 @@ class Flown:
 def run(
     flight: Flight,
     *,
-    record: Path,
+    record: Path | None,
     truth: Path | None = None,
     truth_rate: int = telemetry.TICK_RATE,
     told: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Flown:
-    """Fly, and write the recording and, where asked, the truth.
+    """Fly, and write the recording and the truth where asked.
 
     Args:
         flight: what to fly.
@@ -67,7 +67,8 @@ def run(
         UsageError: the flight cannot be flown.
     """
     flown = fly(flight, progress=progress)
-    record.write_bytes(tlog(flown.frames))
+    if record is not None:
+        record.write_bytes(tlog(flown.frames))
     if truth is not None:
         truths.save(flown.truth, truth, rate=truth_rate, told=told)
     return flown

@@ -63,10 +63,37 @@ def test_effects_are_hidden_and_told_beside_the_truth(brief, tmp_path, capsys):
     ]
 
 
+def test_flights_of_a_scenario_go_to_a_folder(tmp_path, capsys):
+    plan = tmp_path / "scenario.toml"
+    plan.write_text(
+        f'''schema = 1
+name = "x"
+aircraft = "{examples.ULTRA_STICK}"
+[[effects]]
+name = "mass"
+mass_ratio = 1.1
+[[flights]]
+name = "one"
+seed = 3
+begins = 2026-10-03T09:12:00Z
+legs = [{{ name = "out", duration = 1, airspeed = 17, height = 100, heading = 90 }}]
+''',
+        encoding="utf-8",
+    )
+    assert entry.main(["sitl", "--scenario", str(plan)]) == 2
+    assert "--out DIR" in capsys.readouterr().err
+    out = tmp_path / "flights"
+    assert entry.main(["sitl", "--scenario", str(plan), "--out", str(out)]) == 0
+    names = ["one.tlog", "one_truth.json", "one_truth.npz"]
+    assert sorted(path.name for path in out.iterdir()) == names
+    assert str(out / "one.tlog") in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
         [],
+        ["--aircraft", str(examples.ULTRA_STICK), "--record", "x.tlog", "--out", "x"],
         ["--aircraft", str(examples.ULTRA_STICK)],
         ["--scenario", str(examples.ROOT / "replay/demo/scenario.toml"), "--record", "x.tlog"],
         ["--aircraft", str(examples.ULTRA_STICK), "--record", "x.tlog", "--seed", "-1"],

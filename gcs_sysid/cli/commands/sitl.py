@@ -79,6 +79,12 @@ gust = click.option(
     type=options.Existing("scenario"),
     help="Fly the flights of a scenario instead, and record them where it says.",
 )
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="With --scenario: folder for flights that do not say where they are recorded, and truths.",
+)
 @options.as_json
 def command(
     aircraft: Path | None,
@@ -91,6 +97,7 @@ def command(
     wind: tuple[float, float],
     gust: float,
     scenario: Path | None,
+    out: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
     """Fly an aircraft file in JSBSim, recorded or live.
@@ -101,6 +108,8 @@ def command(
     needs.jsbsim()
     if link is None and duration is not None:
         raise UsageError("--duration belongs to --link; a recording has its flight's length")
+    if scenario is None and out is not None:
+        raise UsageError("--out belongs to --scenario; one flight goes to --record FILE.tlog")
     if link is not None:
         if scenario is not None:
             raise UsageError("--link flies live, --scenario to files; leave one of them out")
@@ -113,11 +122,11 @@ def command(
     if scenario is not None:
         if aircraft is not None or record is not None or truth is not None or effects:
             raise UsageError("--scenario says what to fly and where to record it; leave out others")
-        flights = scenarios.load(scenario).flights
+        flights = [_placed(planned, out) for planned in scenarios.load(scenario).flights]
     else:
         if record is None:
             raise UsageError(_WHAT_TO_FLY)
-        flights = (_hiding(_standard(aircraft, record, truth, seed, wind, gust), effects),)
+        flights = [_hiding(_standard(aircraft, record, truth, seed, wind, gust), effects)]
     flown = [_fly(planned) for planned in flights]
     output.show({"flights": flown}, _text(flown), as_json=as_json)
 
@@ -167,6 +176,19 @@ def _hiding(planned: PlannedFlight, files: Sequence[Path]) -> PlannedFlight:
     return scenario.hiding(planned, entries, more)
 
 
+def _placed(planned: PlannedFlight, out: Path | None) -> PlannedFlight:
+    """The flight with a place for its recording and truth."""
+    if planned.record is not None:
+        return planned
+    if out is None:
+        raise UsageError(
+            f"flight `{planned.name}` does not say where to `record` it; give --out DIR"
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    truth = planned.truth or out / f"{planned.name}_truth.npz"
+    return replace(planned, record=out / f"{planned.name}.tlog", truth=truth)
+
+
 def _fly_live(planned: PlannedFlight, link: str, duration: float | None) -> Mapping[str, Any]:
     from gcs_sysid.sitl import live
     from gcs_sysid.sitl import truth as truths
@@ -211,11 +233,6 @@ def _files(planned: PlannedFlight) -> Mapping[str, str | None]:
 def _fly(planned: PlannedFlight) -> Mapping[str, Any]:
     from gcs_sysid.sitl import record
 
-    if planned.record is None:
-        raise UsageError(
-            f"flight `{planned.name}` does not say where to `record` it; "
-            "`gcs-sysid scenario` flies it where it needs it"
-        )
     begun = time.perf_counter()
     duration = planned.flight.duration
     with output.progress(f"sitl {planned.name}") as progress:
