@@ -20,6 +20,7 @@ COMMANDS = (
     "predict",
     "evaluate",
     "simulate",
+    "diagnose",
     "listen",
     "replay",
     "sitl",

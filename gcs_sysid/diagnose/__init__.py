@@ -1,0 +1,1 @@
+"""What an aircraft file gets wrong about a flight, and which one cause explains it."""

@@ -1,0 +1,90 @@
+"""What a diagnosis shows: residuals before and after the cause, and how probable each cause is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.figures.coefficients import TIME
+from gcs_sysid.figures.data import Axis, Figure, Panel, Series, Span
+from gcs_sysid.figures.reduce import broken_at_holes, extreme_indices, limits
+from gcs_sysid.figures.samples import Samples, column
+
+_AVERAGED = 0.2
+"""Residuals are shown as running means over this [s]: noise would hide what is off."""
+
+
+def residuals(
+    table: Samples, *, flight: int, spans: tuple[Span, ...], changed: bool, bins: int
+) -> Figure:
+    """Measured less predicted over one flight, before and after the cause is put right.
+
+    Args:
+        table: of residuals.
+        flight: its number.
+        spans: its maneuvers.
+        changed: whether a cause was named, so that there is an after.
+        bins: bins that each curve is reduced to.
+    """
+    rows = np.flatnonzero(np.asarray(table["flight"]) == flight)
+    time = column(table, "t")[rows]
+    names = [
+        name for name in COEFFICIENTS if np.isfinite(column(table, f"{name}_before")[rows]).any()
+    ]
+    return Figure(
+        name=f"residuals-{flight}",
+        title="Measured less predicted",
+        caption="What the simulation leaves of each coefficient, running means over "
+        f"{_AVERAGED:.1f} s"
+        + (", and what is left once the cause is put right." if changed else "."),
+        x=Axis(TIME, "s", (float(time[0]), float(time[-1]))),
+        panels=tuple(_panel(table, rows, time, name, changed, bins) for name in names),
+        spans=spans,
+        link=f"flight-{flight}",
+    )
+
+
+def _panel(
+    table: Samples, rows: np.ndarray, time: np.ndarray, name: str, changed: bool, bins: int
+) -> Panel:
+    wide = max(1, round(_AVERAGED / float(np.median(np.diff(time)))))
+    kernel = np.ones(wide) / wide
+    shown: dict[str, np.ndarray] = {}
+    for label in ("before", "after") if changed else ("before",):
+        shown[label] = np.convolve(column(table, f"{name}_{label}")[rows], kernel, mode="same")
+    when, curves = broken_at_holes(time, tuple(shown.values()))
+    kept = extreme_indices(curves, bins=bins)
+    roles = {"before": "measured", "after": "predicted"}
+    return Panel(
+        y=Axis(name, "1", limits(*curves, around=(0.0,))),
+        series=tuple(
+            Series(label, when[kept], curve[kept], roles[label])  # ty: ignore[invalid-argument-type]
+            for label, curve in zip(shown, curves, strict=True)
+        ),
+    )
+
+
+def probabilities(ranking: Sequence[Mapping], labels: Sequence[str]) -> Figure:
+    """How probable each set of causes is.
+
+    Args:
+        ranking: entries of the document, most probable first.
+        labels: of them, for the caption.
+    """
+    places = np.arange(1.0, len(ranking) + 1.0)
+    values = np.array([float(item["probability"]) for item in ranking])
+    return Figure(
+        name="probabilities",
+        title="Probability of each explanation",
+        caption="; ".join(f"{index + 1}: {label}" for index, label in enumerate(labels)) + ".",
+        x=Axis("explanation", "1", (0.4, len(ranking) + 0.6)),
+        panels=(
+            Panel(
+                y=Axis("probability", "1", (0.0, 1.0)),
+                series=(Series("probability", places, values, "predicted", style="bars"),),
+            ),
+        ),
+        size="small",
+    )

@@ -1,0 +1,387 @@
+"""`diagnose`: what a simulation gets wrong, the cause, the extended aircraft file, the gain."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid.diagnose import extended, gain, investigation, problem, verdict
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate, candidates
+from gcs_sysid.diagnose.gain import Score
+from gcs_sysid.diagnose.investigation import Investigation
+from gcs_sysid.diagnose.observed import Observed
+from gcs_sysid.diagnose.problem import Problem
+from gcs_sysid.diagnose.ranking import Estimate, Ranked
+from gcs_sysid.diagnose.unlisted import Missing
+from gcs_sysid.diagnose.verdict import NAMED, Verdict
+from gcs_sysid.errors import UsageError
+from gcs_sysid.offline import (
+    advice,
+    documents,
+    flight,
+    maneuver_choice,
+    summary,
+    tested,
+)
+from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.identify import FLIGHT_IDS
+from gcs_sysid.offline.observed import observed
+from gcs_sysid.offline.tested import Tested
+from gcs_sysid.reconstruct.segments import split
+
+LISTED = 12
+"""Sets of causes that the document lists."""
+
+
+def run(
+    logs: Sequence[Path],
+    *,
+    aircraft: Path | None,
+    model: Path | None,
+    holdout: Path | None,
+    vehicle: int | None,
+    segments: Path | None,
+    out: Path,
+    progress: Progress,
+    columns: Path | None = None,
+) -> dict[str, Any]:
+    """Diagnoses; writes `diagnosis.json`, `residuals.parquet` and `aircraft-extended.toml`.
+
+    Args:
+        logs: flights of the same aircraft.
+        aircraft: aircraft file whose aerodynamics are tested.
+        model: identified model to test instead.
+        holdout: flight to measure the gain on; without one, maneuvers of `logs` that take no part.
+        vehicle: which vehicle of the logs.
+        segments: maneuvers to use; for a single log.
+        out: directory for the results.
+        progress: told what is being done.
+        columns: what the columns of tables are.
+
+    Raises:
+        InputError: a log or the simulation cannot be used.
+        UsageError: no simulation or two are given, or a segments file with several logs.
+    """
+    started = clock.perf_counter()
+    if segments is not None and len(logs) > 1:
+        raise UsageError("--segments goes with one LOG; give each log its own run, or leave it out")
+    under = tested.load(aircraft, model)
+    read = [*logs, *([] if holdout is None else [holdout])]
+    flights = []
+    for index, log in enumerate(read):
+
+        def part(text: str, share: float, index: int = index) -> None:
+            progress(text, 0.8 * (index + share) / len(read))
+
+        chosen = segments if index < len(logs) else None
+        one = flight.read(
+            log,
+            under.aircraft,
+            vehicle=vehicle,
+            segments=maneuver_choice.chooser(chosen, under.aircraft),
+            delay=under.delay,
+            progress=part,
+            columns=columns,
+        )
+        numbered = tuple(replace(item, id=item.id + FLIGHT_IDS * index) for item in one.segments)
+        flights.append(replace(one, segments=numbered))
+    progress("weighing the causes", 0.85)
+    document, table, better = _diagnosed(under, flights, apart=holdout is not None)
+    documents.write_table(out / "residuals.parquet", table)
+    aircraft_file.save(better, out / "aircraft-extended.toml")
+    document["timing"] = {
+        "read_s": sum(one.read_seconds for one in flights),
+        "reconstruct_s": sum(one.reconstruct_seconds for one in flights),
+        "total_s": clock.perf_counter() - started,
+    }
+    documents.write_json(out / "diagnosis.json", document)
+    return documents.plain(document)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Flights with the maneuvers of them that count."""
+
+    seen: tuple[Observed, ...]
+    problems: tuple[Problem, ...]
+    maneuvers: tuple[int, ...]
+
+
+def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tuple[_Part, _Part]:
+    """What is fitted, and what it is judged by: other maneuvers, or the last flight."""
+    seen = tuple(observed(one, aircraft) for one in flights)
+    problems = tuple(problem.build(aircraft, one, number=i) for i, one in enumerate(seen))
+    if apart:
+        first = tuple(item.id for one in flights[:-1] for item in one.segments)
+        last = tuple(item.id for item in flights[-1].segments)
+        return _Part(seen[:-1], problems[:-1], first), _Part(seen[-1:], problems[-1:], last)
+    kept, held_out = split([item for one in flights for item in one.segments])
+    return _Part(seen, problems, kept), _Part(seen, problems, held_out)
+
+
+def _diagnosed(
+    under: Tested, flights: Sequence[Flight], *, apart: bool
+) -> tuple[dict[str, Any], dict[str, np.ndarray], Aircraft]:
+    """The document, the residuals sample by sample, and the extended aircraft."""
+    absent = {name for one in flights for name in one.absent}
+    aircraft = flight.without_controls(under.aircraft, absent)
+    fit, judged = _parts(flights, aircraft, apart=apart)
+    every = candidates(CAUSES, aircraft.control_names)
+    credible = investigation.credible(fit.seen)
+    trusted = credible and investigation.trusted(fit.seen)
+    fitted = investigation.investigate(fit.problems, every, fit.maneuvers, coefficients=trusted)
+    final = fitted
+    if not apart:
+        whole = (*fit.maneuvers, *judged.maneuvers)
+        final = investigation.investigate(fit.problems, every, whole, coefficients=trusted)
+    answer = verdict.judge(
+        final.ranked, verdict.would_show(final.information, final.columns, every)
+    )
+    same = next(item for item in fitted.ranked if item.causes == answer.best.causes)
+    if trusted:
+        before, after = investigation.scores(fitted, judged.problems, judged.maneuvers, same)
+    else:
+        before, after = _airspeed_scores(fit, judged)
+        if "airspeed_scale" not in same.names:
+            after = before
+    useless = answer.answer == "effect" and trusted and after.nlpd >= before.nlpd
+    if not credible or useless:
+        answer = replace(answer, answer="insufficient_data", indistinguishable=())
+    missing = None
+    if trusted and answer.answer in ("no_effect", "insufficient_data"):
+        missing = _missing(aircraft, fit, judged, fitted, every)
+    if missing is not None:
+        answer = replace(answer, answer="unlisted_effect")
+    named = answer.best if answer.answer in ("effect", "ambiguous") else None
+    corrections = {} if named is None else wrong(final, named)
+    document = {
+        **summary.header("diagnose", aircraft, "file"),
+        "simulation": under.source,
+        "flights": summary.flights_document(flights),
+        **_verdict(answer, missing),
+        "ranking": [_ranked(item) for item in final.ranked[:LISTED]],
+        "discrepancy": _discrepancy(final, fit.problems, corrections)
+        if trusted
+        else {"airspeed": {"before": 0.01 * before.error, "after": 0.01 * after.error}},
+        "gain": {
+            "holdout_nlpd_before": before.nlpd,
+            "holdout_nlpd_after": after.nlpd,
+            "holdout_error_before": before.error,
+            "holdout_error_after": after.error,
+        },
+        "detectable": _detectable(final, every),
+        "used": "coefficients and kinematics" if trusted else "kinematics",
+        "maneuvers": summary.maneuvers(flights, judged.maneuvers),
+        "reconstruction": summary.reconstruction(flights[0]),
+        "compatibility": summary.compatibility(flights[0]),
+        "warnings": _warnings(flights, credible=credible, trusted=trusted),
+    }
+    built = (*fit.problems, *judged.problems) if apart else fit.problems
+    table = _table(flights, built, corrections)
+    return document, table, extended.corrected(under.aircraft, corrections)
+
+
+def _airspeed_scores(fit: _Part, judged: _Part) -> tuple[Score, Score]:
+    """Gain in predicting airspeed, where that is all that may be judged."""
+
+    def rows(part: _Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return (
+            np.concatenate([one.indicated for one in part.seen]),
+            np.concatenate([one.through_air for one in part.seen]),
+            np.concatenate([np.isin(one.piece, part.maneuvers) for one in part.seen]),
+        )
+
+    indicated, through_air, fitted = rows(fit)
+    others, through, held_out = rows(judged)
+    return gain.airspeed_scores(
+        np.concatenate([indicated, others]),
+        np.concatenate([through_air, through]),
+        np.concatenate([fitted, np.zeros_like(held_out)]),
+        np.concatenate([np.zeros_like(fitted), held_out]),
+    )
+
+
+def _missing(
+    aircraft: Aircraft,
+    fit: _Part,
+    judged: _Part,
+    fitted: Investigation,
+    every: Sequence[Candidate],
+) -> Missing | None:
+    """A term that nothing in the catalogue stands for, if maneuvers not fitted ask for it too."""
+    found = investigation.missing_term(aircraft, fit.seen, fit.problems, fit.maneuvers, fitted)
+    if found.log_bayes_factor < NAMED:
+        return None
+    again = investigation.investigate(
+        judged.problems, every, judged.maneuvers, coefficients=True, noise=fitted.noise
+    )
+    asked = investigation.missing_term(
+        aircraft, judged.seen, judged.problems, judged.maneuvers, again, only=found.term
+    )
+    return found if asked.log_bayes_factor > 0.0 else None
+
+
+def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
+    """Quantities that the causes free: value and one standard deviation."""
+    values = {}
+    for candidate in best.causes:
+        for name in candidate.frees:
+            index = found.columns.names.index(name)
+            deviation = float(np.sqrt(best.posterior.covariance[index, index]))
+            values[name] = (float(best.posterior.mean[index]), deviation)
+    return values
+
+
+def _verdict(answer: Verdict, missing: Missing | None) -> dict[str, Any]:
+    """The answer and what belongs to it, in the keys of the interface."""
+    best = answer.best
+    rivals = [name for item in answer.indistinguishable for name in item.names]
+    named = answer.answer in ("effect", "ambiguous")
+    return {
+        "verdict": answer.answer,
+        "cause": best.names[0] if named else "unlisted" if missing else "none",
+        "probability": best.probability,
+        "explanation": [_explained(one, own) for one, own in _pairs(best)] if named else [],
+        "indistinguishable": list(dict.fromkeys(rivals)),
+        "separating_maneuver": _separating(answer),
+        "effects": list(best.names) if named else ["unlisted"] if missing else [],
+        "unlisted": None
+        if missing is None
+        else {
+            "coefficient": missing.term.coefficient,
+            "depends_on": list(dict.fromkeys(missing.term.variables)),
+            "log_bayes_factor": missing.log_bayes_factor,
+        },
+    }
+
+
+def _pairs(item: Ranked) -> list[tuple[Candidate, tuple[Estimate, ...]]]:
+    return list(zip(item.causes, item.estimates, strict=True))
+
+
+def _explained(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
+    """The cause's line for an engineer, with its numbers."""
+    first = estimates[0]
+    values = {estimate.parameter.name: estimate.value for estimate in estimates}
+    change = 100.0 * (first.value - first.parameter.nominal)
+    return candidate.cause.explanation.format(
+        **values, change=change, control=candidate.control or ""
+    )
+
+
+def _separating(answer: Verdict) -> str | None:
+    """What to fly where causes cannot be told apart."""
+    if answer.answer != "ambiguous":
+        return None
+    causes = {one.cause.name: one.cause for item in answer.indistinguishable for one in item.causes}
+    return "; ".join(cause.shown_by for cause in causes.values())
+
+
+def _ranked(item: Ranked) -> dict[str, Any]:
+    parameters: dict[str, Any] = {}
+    for candidate, estimates in _pairs(item):
+        for estimate in estimates:
+            name = estimate.parameter.name
+            entry: dict[str, Any] = {
+                "value": estimate.value,
+                "sd": estimate.deviation,
+                "unit": estimate.parameter.unit,
+            }
+            if candidate.control is not None:
+                entry["control"] = candidate.control
+            parameters[name if name not in parameters else f"{name} {candidate.control}"] = entry
+    return {
+        "causes": list(item.names) or ["none"],
+        "probability": item.probability,
+        "log_bayes_factor": item.log_bayes_factor,
+        "parameters": parameters,
+    }
+
+
+def _discrepancy(
+    found: Investigation,
+    problems: Sequence[Problem],
+    corrections: Mapping[str, tuple[float, float]],
+) -> dict[str, dict[str, float]]:
+    """RMS of measured less predicted over the spread of measured, before and after."""
+    wrongs = np.zeros(len(found.columns.names))
+    for name, (value, _) in corrections.items():
+        wrongs[found.columns.names.index(name)] = value
+    left, measured = found.data.left, found.data.measured
+    after = left - found.data.columns @ wrongs
+    return {
+        COEFFICIENTS[row]: {
+            "before": float(np.sqrt(np.mean(left[:, place] ** 2)) / measured[:, place].std()),
+            "after": float(np.sqrt(np.mean(after[:, place] ** 2)) / measured[:, place].std()),
+        }
+        for place, row in enumerate(problems[0].usable)
+    }
+
+
+def _detectable(found: Investigation, every: Sequence[Candidate]) -> dict[str, dict[str, Any]]:
+    """How well these flights would know each cause's parameters, were it the only one."""
+    single = {item.causes[0]: item for item in found.ranked if len(item.causes) == 1}
+    listed = {}
+    for candidate in every:
+        estimates = single[candidate].estimates[0]
+        name = candidate.cause.name
+        listed[name if candidate.control is None else f"{name} {candidate.control}"] = {
+            estimate.parameter.name: {
+                "sd": estimate.deviation,
+                "matters": estimate.parameter.matters,
+                "unit": estimate.parameter.unit,
+            }
+            for estimate in estimates
+        }
+    return listed
+
+
+def _warnings(flights: Sequence[Flight], *, credible: bool, trusted: bool) -> list[str]:
+    listed = [text for one in flights for text in (*one.warnings, *advice.flight_warnings(one))]
+    if not credible:
+        listed.append(
+            "airspeed and speed over ground cannot be reconciled: the reconstruction went astray, "
+            "and nothing built on it accuses anybody"
+        )
+    elif not trusted:
+        listed.append(
+            "gusts and no flow vanes: the flow angles are not known well enough for coefficients "
+            "to accuse anybody; only what airspeed and speed over ground say was used. Fly in calm "
+            "air, or with vanes"
+        )
+    return list(dict.fromkeys(listed))
+
+
+def _table(
+    flights: Sequence[Flight],
+    problems: Sequence[Problem],
+    corrections: Mapping[str, tuple[float, float]],
+) -> dict[str, np.ndarray]:
+    """Measured less predicted, sample by sample, before and after the cause."""
+    parts = []
+    for number, (one, built) in enumerate(zip(flights, problems, strict=True)):
+        after = built.left.copy()
+        for name, (value, _) in corrections.items():
+            after -= value * built.columns.values[:, :, built.columns.names.index(name)]
+        part = {
+            "time_us": one.recording.time_us(built.time),
+            "t": built.time,
+            "flight": np.full(built.time.size, number),
+            "maneuver": built.piece,
+        }
+        for row, name in enumerate(COEFFICIENTS):
+            good = row in built.usable
+            for label, values in (("before", built.left), ("after", after)):
+                column = values[:, row] if good else np.full(built.time.size, np.nan)
+                part[f"{name}_{label}"] = column
+            part[f"{name}_measured"] = built.measured[:, row]
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -1,0 +1,225 @@
+"""The page that `diagnose` leaves: the cause in words, how sure, what it gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gcs_sysid.figures import diagnosis
+from gcs_sysid.figures.data import Span
+from gcs_sysid.report import sheet
+from gcs_sysid.report.findings import Finding
+from gcs_sysid.report.numbers import number, plus_minus
+from gcs_sysid.report.sheet import Section, Sheet, Table
+
+_BINS = 700
+_BARS = 6
+_SIGMAS = 1.959964
+
+
+def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
+    """The report of a diagnosis as one self-contained HTML file.
+
+    Args:
+        summary: the document of `diagnose`.
+        table: `residuals.parquet`, one array a column.
+    """
+    changed = summary["verdict"] in ("effect", "ambiguous")
+    shown = summary["ranking"][:_BARS]
+    figures = tuple(
+        diagnosis.residuals(
+            table,
+            flight=index,
+            spans=_spans(summary, index),
+            changed=changed,
+            bins=_BINS // max(len(summary["flights"]), 1),
+        )
+        for index in range(len(summary["flights"]))
+    )
+    return sheet.render(
+        Sheet(
+            kind="Diagnosis report",
+            question="What the simulation gets wrong",
+            summary=summary,
+            findings=findings(summary),
+            sections=(
+                Section(
+                    "ranking",
+                    "Explanations",
+                    "Sets of causes by probability. The log Bayes factor is the evidence against "
+                    "nothing being wrong: 3 is 20 to 1. What errors of the file's aerodynamics "
+                    "(its sigmas), of mass, thrust and inertia, of the flow angles and of the "
+                    "surfaces' rigging can explain is explained by them first.",
+                    tables=(_ranking(summary),),
+                    figures=(diagnosis.probabilities(shown, [_label(item) for item in shown]),),
+                ),
+                Section(
+                    "gain",
+                    "Gain",
+                    "On maneuvers, or a flight, that took no part: the error in percent of the "
+                    "measured spread, and the negative log predictive density, lower is better. "
+                    "Below, rms of measured less predicted over the measured spread, on all used.",
+                    tables=(_gain(summary), _discrepancy(summary)),
+                ),
+                Section(
+                    "could",
+                    "What this flight could show",
+                    "How well each cause would be known, were it the only one, against the size "
+                    "from which it matters. A cause is seen where three sd are less than that.",
+                    tables=(_detectable(summary),),
+                ),
+                Section(
+                    "residuals",
+                    "Residuals",
+                    "Shaded maneuvers took no part in what is scored.",
+                    figures=figures,
+                ),
+            ),
+            files="diagnosis.json and residuals.parquet; the file put right is "
+            "aircraft-extended.toml",
+        )
+    )
+
+
+def findings(summary: Mapping) -> tuple[Finding, ...]:
+    """The headline findings, most important first."""
+    found = [Finding("Verdict", _said(summary))]
+    found += [Finding("Cause", _sentence(text)) for text in summary["explanation"]]
+    best = summary["ranking"][0]
+    if best["parameters"] and summary["explanation"]:
+        found.append(Finding("Size", _parameters(best) + " (± 95 %)."))
+    if summary["separating_maneuver"]:
+        found.append(Finding("Fly next", _sentence(summary["separating_maneuver"])))
+    gain = summary["gain"]
+    if summary["explanation"]:
+        found.append(
+            Finding(
+                "Gain",
+                f"error on what took no part {number(gain['holdout_error_before'])} % before, "
+                f"{number(gain['holdout_error_after'])} % after.",
+            )
+        )
+    others = [item for item in summary["ranking"][1:4]]
+    words = "; ".join(f"{_label(item)} {100.0 * item['probability']:.0f} %" for item in others)
+    found.append(Finding("Else", f"{words}."))
+    found += [Finding("Warning", text) for text in summary["warnings"][:2]]
+    return tuple(found)
+
+
+def _said(summary: Mapping) -> str:
+    """The verdict as a sentence."""
+    percent = f"{100.0 * summary['probability']:.0f} %"
+    match summary["verdict"]:
+        case "effect":
+            return f"{' and '.join(summary['effects'])}, probability {percent}."
+        case "ambiguous":
+            return (
+                f"{' or '.join(summary['indistinguishable'])}: this flight cannot tell them apart."
+            )
+        case "no_effect":
+            return (
+                "nothing in the catalogue is wrong with this simulation beyond what its sigmas "
+                "allow."
+            )
+        case "unlisted_effect":
+            found = summary["unlisted"]
+            return (
+                f"nothing in the catalogue explains it: {found['coefficient']} is off with "
+                f"{' and '.join(found['depends_on'])}."
+            )
+        case _:
+            return (
+                "this flight cannot tell: no cause is sure enough to be named, and those of a size "
+                "that matters would not have shown."
+            )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def _label(item: Mapping) -> str:
+    controls = [entry.get("control") for entry in item["parameters"].values()]
+    named = [name for name in controls if name]
+    return " and ".join(item["causes"]).replace("none", "nothing") + (
+        f" ({', '.join(named)})" if named else ""
+    )
+
+
+def _parameters(item: Mapping) -> str:
+    return ", ".join(
+        f"{name} {plus_minus(entry['value'], _SIGMAS * entry['sd'])}"
+        + ("" if entry["unit"] == "1" else f" {entry['unit']}")
+        for name, entry in item["parameters"].items()
+    )
+
+
+def _ranking(summary: Mapping) -> Table:
+    return Table(
+        ("explanation", "probability", "log Bayes factor", "parameters, ± 95 %"),
+        tuple(
+            (
+                _label(item),
+                f"{100.0 * item['probability']:.1f} %",
+                number(item["log_bayes_factor"]),
+                _parameters(item) or "–",
+            )
+            for item in summary["ranking"]
+        ),
+    )
+
+
+def _gain(summary: Mapping) -> Table:
+    gain = summary["gain"]
+    return Table(
+        ("held out", "before", "after"),
+        (
+            (
+                "error, %",
+                number(gain["holdout_error_before"]),
+                number(gain["holdout_error_after"]),
+            ),
+            ("nlpd", number(gain["holdout_nlpd_before"]), number(gain["holdout_nlpd_after"])),
+        ),
+    )
+
+
+def _discrepancy(summary: Mapping) -> Table:
+    return Table(
+        ("left over", "before", "after"),
+        tuple(
+            (name, number(item["before"]), number(item["after"]))
+            for name, item in summary["discrepancy"].items()
+        ),
+    )
+
+
+def _detectable(summary: Mapping) -> Table:
+    return Table(
+        ("cause", "parameter", "one sd", "matters from", "seen"),
+        tuple(
+            (
+                name,
+                parameter,
+                number(item["sd"], 2),
+                number(item["matters"], 2),
+                "yes" if 3.0 * item["sd"] <= item["matters"] else "no",
+            )
+            for name, entries in summary["detectable"].items()
+            for parameter, item in entries.items()
+        ),
+    )
+
+
+def _spans(summary: Mapping, flight: int) -> tuple[Span, ...]:
+    return tuple(
+        Span(
+            f"{'+'.join(item['controls'])} {item['kind']} {item['id']}".strip(),
+            item["start_s"],
+            item["start_s"] + item["duration_s"],
+            "held_out" if item["held_out"] else "fitted",
+        )
+        for item in summary["maneuvers"]
+        if item["flight"] == flight
+    )

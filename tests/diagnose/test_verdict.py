@@ -1,0 +1,136 @@
+"""Rankings of made-up information, and what may be said of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Control
+from gcs_sysid.diagnose import extended, unlisted, verdict
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate, candidates
+from gcs_sysid.diagnose.evidence import Information, information, posterior
+from gcs_sysid.diagnose.ranking import Ranked, rank
+from gcs_sysid.diagnose.unknowns import Columns
+from gcs_sysid.diagnose.unlisted import Term
+from tests.offline.made_aircraft import small
+
+EVERY = candidates(CAUSES, ("elevator",))
+NAMES = ("mass", "cg.x", "airspeed", "effectiveness.elevator", "CZ.alpha")
+COLUMNS = Columns(NAMES, np.array([0.01, 0.01, 0.01, 0.0, 1.0]), np.zeros((0, 6, 5)))
+
+
+def data(*, truth: dict[str, float], alike: bool = False) -> Information:
+    random = np.random.default_rng(11)
+    columns = 30.0 * random.standard_normal((300, len(NAMES)))
+    if alike:
+        columns[:, 1] = columns[:, 0]
+    wrong = np.array([truth.get(name, 0.0) for name in NAMES])
+    return information(columns, columns @ wrong + random.standard_normal(300))
+
+
+def judged(found: Information) -> tuple[verdict.Verdict, tuple[Ranked, ...]]:
+    ranked = rank(found, COLUMNS, EVERY)
+    return verdict.judge(ranked, verdict.would_show(found, COLUMNS, EVERY)), ranked
+
+
+def test_every_control_has_its_own_effectiveness() -> None:
+    many = candidates(CAUSES, ("elevator", "aileron"))
+    controls = [item.control for item in many if item.cause.name == "surface_effectiveness"]
+    assert controls == ["elevator", "aileron"]
+    assert Candidate(CAUSES["surface_effectiveness"], "aileron").frees == ("effectiveness.aileron",)
+
+
+def test_a_cause_is_named_with_its_size() -> None:
+    answer, ranked = judged(data(truth={"effectiveness.elevator": -0.3}))
+    assert answer.answer == "effect"
+    assert answer.best.names == ("surface_effectiveness",)
+    [[estimate]] = answer.best.estimates
+    assert estimate.value == pytest.approx(0.7, abs=4.0 * estimate.deviation)
+    assert sum(item.probability for item in ranked) == pytest.approx(1.0)
+
+
+def test_two_at_once_are_both_named() -> None:
+    answer, _ = judged(data(truth={"mass": 0.12, "airspeed": 0.08}))
+    assert answer.answer == "effect"
+    assert set(answer.best.names) == {"mass", "airspeed_scale"}
+
+
+def test_nothing_wrong_is_called_so() -> None:
+    answer, ranked = judged(data(truth={}))
+    assert answer.answer == "no_effect"
+    assert ranked[0].causes == ()
+
+
+def test_causes_with_one_signature_cannot_be_told_apart() -> None:
+    answer, _ = judged(data(truth={"mass": 0.1}, alike=True))
+    assert answer.answer == "ambiguous"
+    assert {name for item in answer.indistinguishable for name in item.names} >= {
+        "mass",
+        "cg_shift",
+    }
+
+
+def test_a_flight_that_shows_nothing_is_no_proof_of_nothing() -> None:
+    found = data(truth={})
+    faint = Information(1e-6 * found.gram, 1e-3 * found.score, found.energy, found.count)
+    answer, _ = judged(faint)
+    assert answer.answer == "insufficient_data"
+
+
+def test_what_the_file_is_unsure_of_accuses_nobody() -> None:
+    """An aerodynamic value off by two of its sigmas, beside causes with other signatures."""
+    answer, _ = judged(data(truth={"CZ.alpha": 2.0}))
+    assert answer.answer == "no_effect"
+
+
+def test_a_missing_term_is_found_by_its_evidence() -> None:
+    """The gain of one more unknown is the difference of two full evidences."""
+    random = np.random.default_rng(4)
+    columns = random.standard_normal((200, 3))
+    extra = random.standard_normal((200, 2))
+    left = columns @ np.array([0.5, -0.2, 0.1]) + 0.8 * extra[:, 1] + random.standard_normal(200)
+    sigma = np.array([1.0, 1.0, 1.0])
+    found = posterior(information(columns, left), sigma)
+    names = [Term("Cn", ("qhat",)), Term("Cn", ("qhat", "rudder"))]
+    best = unlisted.strongest(found, columns, left, extra, np.array([0.7, 0.7]), names)
+    wider = np.column_stack([columns, extra[:, 1]])
+    whole = posterior(information(wider, left), np.append(sigma, 0.7))
+    expected = whole.log_evidence - found.log_evidence + np.log(unlisted.PRIOR / 2)
+    assert best.term == names[1]
+    assert best.log_bayes_factor == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_extended_file_is_read_back_as_it_was_written(tmp_path) -> None:
+    file = small()
+    wrong = {"mass": (0.1, 0.01), "cg.x": (-0.05, 0.01), "airspeed": (0.07, 0.002)}
+    made = extended.corrected(file, wrong | {"effectiveness.rudder": (-0.2, 0.05)})
+    aircraft_file.save(made, tmp_path / "aircraft-extended.toml")
+    read = aircraft_file.load(tmp_path / "aircraft-extended.toml")
+    assert read.mass.mass == pytest.approx(1.1 * file.mass.mass)
+    assert read.mass.cg[0] == pytest.approx(-0.05 * file.geometry.mean_chord)
+    assert read.pitot.error.scale[0] == pytest.approx(0.07)
+    assert {item.surface: item.effectiveness for item in read.servos}["rudder"] == pytest.approx(
+        0.8
+    )
+
+
+def test_a_servo_of_two_controls_keeps_its_own_effectiveness() -> None:
+    """An elevon moves the aileron too, which did nothing wrong."""
+    file = small()
+    shared = (
+        Control("elevator", {"aileron": 0.5, "elevator": 0.5}),
+        Control("aileron", {"aileron": 0.5, "elevator": -0.5}),
+    )
+    made = extended.corrected(
+        type(file)(**{**file.__dict__, "controls": shared}), {"effectiveness.elevator": (-0.3, 0.1)}
+    )
+    assert made.controls[0].mix == pytest.approx({"aileron": 0.35, "elevator": 0.35})
+    assert made.controls[1].mix == shared[1].mix
+    assert all(servo.effectiveness == 1.0 for servo in made.servos)
+
+
+def test_what_has_no_place_in_a_file_is_refused() -> None:
+    with pytest.raises(ValueError, match="no place"):
+        extended.corrected(small(), {"alpha": (0.1, 0.1)})

@@ -1,0 +1,237 @@
+"""The whole diagnosis on flights of the simulated aircraft, one with an effect hidden in it.
+
+The aircraft flies in calm air with vanes for a minute and a half. What is hidden stands in the
+simulator only; the finding side gets the recording and the aircraft file.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.aircraft_toml.section import Section
+from gcs_sysid.cli import reports
+from gcs_sysid.errors import RefusedError, UsageError
+from gcs_sysid.offline import diagnose, simulate, tested
+from gcs_sysid.report import sheet
+from gcs_sysid.report.diagnose import findings
+
+pytest.importorskip("jsbsim", reason="needs the extra `sitl`")
+
+from gcs_sysid.sitl import plan, record, scenario
+from gcs_sysid.sitl.effects import catalogue
+from gcs_sysid.sitl.flight import Flight
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIFT = 0.10
+"""Centre of gravity forward of where the file has it [mean chords]."""
+
+
+def believed() -> Aircraft:
+    """The Ultra Stick with aerodynamics known to a tenth."""
+    file = aircraft_file.load(ROOT / "data" / "aircraft" / "ultra_stick_25e.toml")
+    models = {
+        name: replace(
+            model,
+            terms={
+                key: replace(item, sigma=0.1 * abs(item.value)) for key, item in model.terms.items()
+            },
+        )
+        for name, model in file.aerodynamics.items()
+    }
+    return replace(file, aerodynamics=models)
+
+
+def silent(*_: object) -> None:
+    """Progress that nobody watches."""
+
+
+def diagnosed(folder: Path, name: str, effects: list[dict], seed: int) -> dict:
+    file = believed()
+    legs = plan.standard(file)[:4]
+    made = Flight(
+        believed=file,
+        flown=file,
+        legs=legs,
+        start=scenario.start(legs[0]),
+        wind=scenario.wind(1.0, 3.0, 0.0),
+        seed=seed,
+    )
+    made = catalogue.hide(made, [Section("effect.toml", "", effect) for effect in effects])
+    record.run(made, record=folder / f"{name}.tlog")
+    aircraft_file.save(file, folder / "aircraft.toml")
+    return diagnose.run(
+        [folder / f"{name}.tlog"],
+        aircraft=folder / "aircraft.toml",
+        model=None,
+        holdout=None,
+        vehicle=None,
+        segments=None,
+        out=folder / name,
+        progress=silent,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("diagnosed")
+
+
+@pytest.fixture(scope="module")
+def hidden(folder) -> dict:
+    return diagnosed(folder, "hidden", [{"name": "cg_shift", "cg_x_chord": SHIFT}], 31)
+
+
+@pytest.fixture(scope="module")
+def clean(folder) -> dict:
+    return diagnosed(folder, "clean", [], 32)
+
+
+@pytest.mark.slow
+def test_a_hidden_effect_is_found_and_sized(hidden) -> None:
+    assert hidden["verdict"] == "effect"
+    assert hidden["cause"] == "cg_shift"
+    assert hidden["effects"] == hidden["indistinguishable"] == ["cg_shift"]
+    assert hidden["ranking"][0]["log_bayes_factor"] > np.log(20.0)
+    found = hidden["ranking"][0]["parameters"]["cg_x_chord"]
+    assert found["unit"] == "mean chords"
+    assert abs(found["value"] - SHIFT) < 3.0 * found["sd"]
+    gain = hidden["gain"]
+    assert gain["holdout_nlpd_after"] < gain["holdout_nlpd_before"]
+    assert gain["holdout_error_after"] < gain["holdout_error_before"]
+    assert hidden["discrepancy"]["Cm"]["after"] < 0.5 * hidden["discrepancy"]["Cm"]["before"]
+
+
+@pytest.mark.slow
+def test_the_extended_file_holds_the_effect_and_nothing_else(hidden, folder) -> None:
+    extended = aircraft_file.load(folder / "hidden" / "aircraft-extended.toml")
+    file = aircraft_file.load(folder / "aircraft.toml")
+    found = hidden["ranking"][0]["parameters"]["cg_x_chord"]["value"]
+    assert extended.mass.cg[0] == pytest.approx(found * file.geometry.mean_chord, rel=1e-6)
+    unmoved = replace(extended, mass=replace(extended.mass, cg=file.mass.cg))
+    assert aircraft_file.dumps(unmoved) == aircraft_file.dumps(file)
+
+
+@pytest.mark.slow
+def test_the_extended_file_flies_the_flight_better(hidden, folder) -> None:
+    """`simulate` reads back what `diagnose` wrote, and pitches as measured with it."""
+    scores = {}
+    for name, file in (
+        ("believed", folder / "aircraft.toml"),
+        ("extended", folder / "hidden" / "aircraft-extended.toml"),
+    ):
+        scores[name] = simulate.run(
+            folder / "hidden.tlog",
+            aircraft=file,
+            model=None,
+            vehicle=None,
+            segments=None,
+            out=folder / name,
+            progress=silent,
+        )
+    before, after = (scores[name]["channels"]["alpha"] for name in ("believed", "extended"))
+    assert after["rms"] < 0.5 * before["rms"]
+    assert after["pass"]
+    assert scores["believed"]["departures"]
+    assert not scores["extended"]["departures"]
+    text = reports.sheet("simulate", scores["believed"], folder / "believed" / "simulated.parquet")
+    assert "departs" in text
+    assert (folder / "believed" / "report.html").stat().st_size > 1e5
+
+
+@pytest.mark.slow
+def test_a_clean_flight_accuses_nobody(clean) -> None:
+    assert clean["verdict"] in ("no_effect", "insufficient_data")
+    assert clean["cause"] == "none"
+    assert clean["effects"] == []
+    assert clean["unlisted"] is None
+    assert clean["ranking"][0]["causes"] == ["none"]
+    assert clean["gain"]["holdout_nlpd_after"] == clean["gain"]["holdout_nlpd_before"]
+
+
+@pytest.mark.slow
+def test_documents_and_report(hidden, folder) -> None:
+    out = folder / "hidden"
+    assert json.loads((out / "diagnosis.json").read_text()) == hidden
+    table = pq.read_table(out / "residuals.parquet")
+    assert {"time_us", "Cm_before", "Cm_after", "Cm_measured"} <= set(table.column_names)
+    text = reports.sheet("diagnose", hidden, out / "residuals.parquet")
+    assert len(text.splitlines()) <= 10
+    assert "mean chords forward" in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "Explanations" in page
+    assert "aircraft-extended.toml" in page
+
+
+@pytest.mark.slow
+def test_findings_of_a_clean_flight_name_nobody(clean) -> None:
+    text = sheet.lines(findings(clean), "report.html")
+    assert "Cause" not in text
+    assert text.splitlines()[-1].endswith("report.html")
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "cause"), [("airspeed_scale", "airspeed_scale"), ("cg_shift", None), ("clean", None)]
+)
+def test_flights_in_gusts_without_vanes_accuse_nobody_wrongly(
+    shared: Path, tmp_path: Path, case: str, cause: str | None
+) -> None:
+    folder = shared / "cases" / case
+    found = diagnose.run(
+        [folder / "flight.tlog"],
+        aircraft=folder / "aircraft.toml",
+        model=None,
+        holdout=None,
+        vehicle=None,
+        segments=None,
+        out=tmp_path,
+        progress=silent,
+    )
+    if cause is None:
+        assert found["verdict"] == "insufficient_data"
+        assert found["effects"] == []
+        return
+    assert (found["verdict"], found["cause"]) == ("effect", cause)
+    estimate = found["ranking"][0]["parameters"]["airspeed_scale"]
+    size = json.loads((folder / "truth.json").read_text())["size"]
+    assert abs(estimate["value"] - size) < 3.0 * estimate["sd"]
+    assert found["gain"]["holdout_error_after"] < 0.7 * found["gain"]["holdout_error_before"]
+
+
+def test_there_must_be_one_simulation_to_test(tmp_path) -> None:
+    with pytest.raises(UsageError, match="either --aircraft FILE or --model DIR"):
+        tested.load(None, None)
+    with pytest.raises(UsageError, match="either --aircraft FILE or --model DIR"):
+        tested.load(tmp_path, tmp_path)
+
+
+def test_a_file_without_aerodynamics_is_no_simulation(tmp_path) -> None:
+    aircraft_file.save(replace(believed(), aerodynamics={}), tmp_path / "bare.toml")
+    with pytest.raises(RefusedError, match="no simulation to test"):
+        tested.load(tmp_path / "bare.toml", None)
+
+
+def test_several_flights_need_no_segments_file(tmp_path) -> None:
+    log = tmp_path / "flight.tlog"
+    shutil.copy(__file__, log)
+    with pytest.raises(UsageError, match="--segments goes with one LOG"):
+        diagnose.run(
+            [log, log],
+            aircraft=log,
+            model=None,
+            holdout=None,
+            vehicle=None,
+            segments=log,
+            out=tmp_path,
+            progress=silent,
+        )
