@@ -55,14 +55,15 @@ class Pilot:
 
     def direct(self, *, pitch: float, roll: float, yaw: float, throttle: float) -> dict[str, float]:
         """Sticks to surfaces around the trim: shares of full deflection, up and right positive."""
-        slope = self._at(self._airspeed).slope
+        slope, others = self._at(self._airspeed).slope, self._trim.others
         commands = {THROTTLE: throttle}
         axes = [
             (slope.pitch_name, slope.pitch_control, pitch, self._trim.control),
-            (slope.roll_name, slope.roll_control, roll, 0.0),
+            (slope.roll_name, slope.roll_control, roll, others.get(slope.roll_name, 0.0)),
         ]
         if slope.yaw_name is not None:
-            axes.append((slope.yaw_name, slope.yaw_control, yaw, 0.0))
+            neutral = others.get(slope.yaw_name, 0.0)
+            axes.append((slope.yaw_name, slope.yaw_control, yaw, neutral))
         for name, effect, share, neutral in axes:
             full = control_range(self._aircraft, name)
             commands[name] = neutral + math.copysign(full, effect) * share

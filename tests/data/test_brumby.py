@@ -11,6 +11,7 @@ from data.scripts import brumby
 from data.scripts.brumby import Part
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.sitl.jsbsim_aircraft import JsbsimAircraft, Start
 from gcs_sysid.sitl.slopes import thrust_at, trim
 from tests.sitl import examples
 
@@ -59,6 +60,19 @@ def test_it_flies_at_the_published_speeds(stored):
     power = thrust_at(stored, 100.0 * KNOT, 1.0) * 100.0 * KNOT
     # 0.75 is as good as propellers of that size are.
     assert 0.6 * 5.5 * 745.7 < power < 0.85 * 5.5 * 745.7
+
+
+def test_power_pitches_it_down(stored):
+    """Its thrust line is above the centre of gravity: trim depends on thrust."""
+    turning = []
+    for throttle in (0.2, 0.9):
+        flying = JsbsimAircraft(stored, start=Start(airspeed=36.0, elevation=0.0))
+        flying.advance({}, [throttle])
+        turning.append((flying.state().q_dot, flying.thrusts()[0]))
+    (idle, little), (power, much) = turning
+    z = stored.propulsion[0].position[2]
+    assert z < -0.05
+    assert power - idle == pytest.approx(z * (much - little) / stored.mass.Iyy, rel=0.02)
 
 
 def test_its_lift_coefficient_is_that_of_the_recorded_flight(stored):

@@ -10,7 +10,9 @@ import pytest
 from gcs_sysid import aircraft_file
 from gcs_sysid.sitl.autopilot import Sensed, autopilot
 from gcs_sysid.sitl.coupling import coupling, is_coupled
+from gcs_sysid.sitl.inputs import THROTTLE
 from gcs_sysid.sitl.jsbsim_aircraft import JsbsimAircraft, Start
+from gcs_sysid.sitl.pilot import Pilot
 from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.slopes import slopes, trim
 from tests.sitl import examples
@@ -97,6 +99,13 @@ def test_an_aircraft_with_a_plane_of_symmetry_is_not_coupled(swept):
     assert not is_coupled(examples.ultra_stick(), NAMES)
     assert slopes(examples.ultra_stick(), 17.0).coupling is None
     assert trim(examples.ultra_stick(), 17.0).bank == 0.0
+
+
+def test_sticks_let_go_leave_the_surfaces_on_trim(swept):
+    level = trim(swept, AIRSPEED)
+    commands = Pilot(swept, AIRSPEED).direct(pitch=0.0, roll=0.0, yaw=0.0, throttle=0.5)
+    wanted = {"elevator": level.control, **level.others, THROTTLE: 0.5}
+    assert commands == pytest.approx(wanted)
 
 
 def test_on_its_trim_the_autopilot_commands_the_trim(swept):
