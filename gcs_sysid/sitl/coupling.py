@@ -92,9 +92,13 @@ def coupling(aircraft: Aircraft, airspeed: float, names: Sequence[str], density:
     by_control = np.stack([accelerations(name) for name in names], axis=1)
     # Damping in its own axis is the rate loops' business.
     np.fill_diagonal(by_rate, 0.0)
+    # Without a control for yaw, yaw is left alone; the pseudo-inverse would compromise on it.
+    axes = len(names)
+    by_acceleration = np.zeros((axes, 3))
+    by_acceleration[:, :axes] = np.linalg.pinv(by_control[:axes])
     return Coupling(
         tuple(names),
-        np.linalg.pinv(by_control),
+        by_acceleration,
         by_rate,
         by_control,
         {key: accelerations(key) for key in ("1", "alpha")},

@@ -46,6 +46,12 @@ def test_controls_accelerate_as_demanded(swept):
         assert with_them - nothing == pytest.approx(wanted, abs=2e-3)
 
 
+def test_without_a_rudder_roll_and_pitch_are_met_and_yaw_is_left_alone(swept):
+    found = coupling(swept, AIRSPEED, NAMES[:2], 1.225)
+    controls = found.controls((0.3, -0.2, 9.0), (0.0, 0.0, 0.0))
+    assert found.accelerations(controls)[:2] == pytest.approx([0.3, -0.2])
+
+
 def test_in_balance_nothing_turns(swept):
     level = trim(swept, AIRSPEED)
     turning, _ = accelerations(
