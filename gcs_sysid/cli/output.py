@@ -16,7 +16,10 @@ from gcs_sysid.errors import InputError
 Progress = Callable[[str, float], None]
 """Takes what is being done and which fraction of the whole is behind it, 0 to 1."""
 
-DOCUMENTS = ("inspect.json", "summary.json", "live.json", "scenario.json")
+DOCUMENTS = (
+    *("inspect.json", "summary.json", "simulate.json", "diagnosis.json"),
+    *("live.json", "scenario.json"),
+)
 """Files that name the program that wrote them, and so vouch for the others beside them."""
 
 

@@ -27,7 +27,7 @@
     noise = { gyro = 0.004 }
     # fuel = { mass = 1.5, burn = 0.001 }      # kg of the aircraft's mass, kg/s at full throttle
     # reboot = 60
-    # without `legs` the standard flight
+    # without `legs` those of the scenario, [[legs]], and without them the standard flight
     legs = [{ name = "out", duration = 20, airspeed = 17, height = 120, heading = 0 }]
 
     [[flights]]                  # or one that was recorded elsewhere
@@ -107,7 +107,7 @@ def load(path: Path) -> Scenario:
         InputError: the scenario or its aircraft file cannot be used; the message names the key.
     """
     top = Section(str(path), "", _document(path))
-    top.allow_only("schema", "name", "aircraft", "flown", "effects", "flights")
+    top.allow_only("schema", "name", "aircraft", "flown", "effects", "legs", "flights")
     top.whole("schema", least=1)
     source = path.parent / top.text("aircraft")
     believed = aircraft_file.load(source)
@@ -118,13 +118,15 @@ def load(path: Path) -> Scenario:
     flights = [entry for entry in entries if not entry.has("log")]
     effects = top.children("effects", name_key="name")
     told = {"flown": changes.data} if changes else {}
+    legs = _legs(top)
     return Scenario(
         name=top.text("name"),
         aircraft=source,
         believed=believed,
         flown=flown,
         flights=tuple(
-            hiding(_flight(entry, path.parent, believed, flown), effects, told) for entry in flights
+            hiding(_flight(entry, path.parent, believed, flown, legs), effects, told)
+            for entry in flights
         ),
         logs=dict(_log(entry, path.parent) for entry in entries if entry.has("log")),
     )
@@ -158,13 +160,18 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return merged
 
 
-def _flight(entry: Section, folder: Path, believed: Aircraft, flown: Aircraft) -> PlannedFlight:
+def _legs(entry: Section) -> tuple[Leg, ...]:
+    return tuple(_leg(leg) for leg in entry.children("legs", name_key="name"))
+
+
+def _flight(
+    entry: Section, folder: Path, believed: Aircraft, flown: Aircraft, usual: tuple[Leg, ...]
+) -> PlannedFlight:
     entry.allow_only(
         *("name", "record", "truth", "truth_rate", "seed", "begins", "wind", "legs"),
         *("link", "rates", "noise", "fuel", "reboot"),
     )
-    legs = tuple(_leg(leg) for leg in entry.children("legs", name_key="name"))
-    legs = legs or plan.standard(believed)
+    legs = _legs(entry) or usual or plan.standard(believed)
     return PlannedFlight(
         name=entry.text("name"),
         flight=Flight(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.offline import scenario as expectations
 from gcs_sysid.sitl import scenario
 from tests.sitl import examples
@@ -51,3 +54,20 @@ def test_what_is_to_be_diagnosed_is_what_is_hidden(folder):
         for name, wanted in place["parameters"].items():
             assert wanted["value"] == hidden[expected["cause"]][name]
             assert wanted["within"] <= 0.25 * abs(wanted["value"])
+
+
+def test_the_trusted_aircraft_is_the_published_one_but_for_its_sigmas():
+    trusted = aircraft_file.load(REPLAY / "ultra_stick_25e.toml")
+    published = examples.ultra_stick()
+    assert dataclasses.replace(trusted, aerodynamics={}) == dataclasses.replace(
+        published, aerodynamics={}
+    )
+    assert values(trusted) == values(published)
+    assert trusted.aerodynamics["Cm"].terms["alpha"].sigma == pytest.approx(0.05 * 0.723)
+
+
+def values(aircraft: Aircraft) -> dict[str, dict[str, float]]:
+    return {
+        name: {key: term.value for key, term in model.terms.items()}
+        for name, model in aircraft.aerodynamics.items()
+    }
