@@ -63,7 +63,7 @@ def _folder(name: str) -> Path:
 
 
 def _run(folder: Path, out: Path | None, cache: Path) -> Mapping[str, Any]:
-    from gcs_sysid.cli import entry, flights
+    from gcs_sysid.cli import flights
     from gcs_sysid.offline import scenario
     from gcs_sysid.sitl import scenario as plans
 
@@ -75,10 +75,9 @@ def _run(folder: Path, out: Path | None, cache: Path) -> Mapping[str, Any]:
     ):
         found = flights.of(planned, cache, progress)
         logs = {name: flight.log for name, flight in found.items()}
-        runs = scenario.plan(expected, logs, planned.aircraft, destination)
         return scenario.run(
             folder.name,
-            [one for one in runs if one.command in entry.COMMANDS],
+            scenario.plan(expected, logs, planned.aircraft, destination),
             out=destination,
             command=_command,
             progress=progress,
