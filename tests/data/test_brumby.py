@@ -11,7 +11,11 @@ from data.scripts import brumby
 from data.scripts.brumby import Part
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.sitl import record
+from gcs_sysid.sitl.flight import Flight, Hidden
+from gcs_sysid.sitl.inputs import TestInput
 from gcs_sysid.sitl.jsbsim_aircraft import JsbsimAircraft, Start
+from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.slopes import thrust_at, trim
 from tests.sitl import examples
 
@@ -73,6 +77,27 @@ def test_power_pitches_it_down(stored):
     z = stored.propulsion[0].position[2]
     assert z < -0.05
     assert power - idle == pytest.approx(z * (much - little) / stored.mass.Iyy, rel=0.02)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3])
+def test_it_stalls_and_recovers(stored, lag):
+    """Pulled up hard near its lowest speed; with a lag the flow leaves and comes back late."""
+    pull = TestInput("elevator", "step", 2.0, 2.0, -0.2)
+    leg = Leg("stall", 9.0, 27.0, 150.0, inputs=(pull,))
+    flight = Flight(
+        stored,
+        stored,
+        (leg,),
+        start=Start(airspeed=27.0, height=150.0),
+        hidden=Hidden(stall_lag=lag),
+    )
+    truth = record.fly(flight).truth
+    alpha, airspeed = truth.column("alpha"), truth.column("V")
+    assert stored.envelope is not None
+    assert alpha.max() > brumby.STALL + 0.03
+    assert np.abs(truth.column("phi")).max() < 0.3
+    assert alpha[-50:].max() < stored.envelope.alpha[1]
+    assert airspeed[-50:] == pytest.approx(27.0, abs=2.0)
 
 
 def test_its_lift_coefficient_is_that_of_the_recorded_flight(stored):
