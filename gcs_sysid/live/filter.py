@@ -32,7 +32,12 @@ from gcs_sysid.model.kinematics import (
 )
 from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
 from gcs_sysid.reconstruct.measurements import GAP, FlightData
-from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
+from gcs_sysid.reconstruct.reconstruction import (
+    first_noise,
+    first_state,
+    repeated,
+    sensor_levers,
+)
 
 START_S = 3.0
 """Flight that is looked at before the filter starts [s]."""
@@ -176,7 +181,9 @@ class LiveFilter:
             state, noise = State(state.attitude, jnp.asarray(rest)), self._before.noise
             self._before = None
         self._filter = KinematicFilter(state, covariance, self._levers, noise)
-        self._intensities = Intensities(noise, data.measured.valid.any(axis=0))
+        self._intensities = Intensities(
+            noise, data.measured.valid.any(axis=0), repeated(data.time, data.measured)
+        )
         self._filter.observe(rows[0].after, rows[0].measured)
 
     def _stepped(self, row: Row) -> list[Estimate]:

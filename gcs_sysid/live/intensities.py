@@ -10,7 +10,7 @@ the place of the smoothed moments). With e the innovation, S its covariance and 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gcs_sysid import frames
 from gcs_sysid.model.kinematics import BLOCKS, MEASURED, Noise
@@ -34,13 +34,20 @@ class Intensities:
     Args:
         first: intensities to begin with.
         seen: groups of measurements that the flight has, in the order of `MEASURED`.
+        repeated: samples that share one error, of each row; see `reconstruction.repeated`.
     """
 
-    def __init__(self, first: Noise, seen: Bool[np.ndarray, " group"]) -> None:
+    def __init__(
+        self,
+        first: Noise,
+        seen: Bool[np.ndarray, " group"],
+        repeated: Float[np.ndarray, " row"],
+    ) -> None:
         self._first = first
+        self._repeated = repeated
         self._age = 0.0
         self._vanes = bool(seen[_VANES])
-        self._square = np.asarray(first.measured) ** 2
+        self._square = np.asarray(first.measured) ** 2 / repeated
         gust = np.asarray(first.gust) ** 2
         self._level, self._vertical = float(gust[0]), float(gust[2])
 
@@ -50,7 +57,7 @@ class Intensities:
         level = np.sqrt(self._level)
         vertical = np.sqrt(self._vertical) if self._vanes else UNSEEN_VERTICAL_GUST * level
         return self._first._replace(
-            measured=np.maximum(np.sqrt(self._square), MEASURED_FLOOR),
+            measured=np.maximum(np.sqrt(self._square), MEASURED_FLOOR) * np.sqrt(self._repeated),
             gust=gust_intensities(float(level), float(vertical)),
         )
 

@@ -21,11 +21,13 @@ from gcs_sysid.model.kinematics import (
     MEASURED,
     SIZE,
     Levers,
+    Measurements,
     Noise,
     State,
 )
 from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.smoother import CHUNK, Inputs, Smoothed, smooth
+from gcs_sysid.reconstruct.vane_scale import ScaleBelief, scale_belief
 
 ROUNDS = 2
 SAMPLE_ROWS = 24 * CHUNK
@@ -34,6 +36,10 @@ SAMPLE_ROWS = 24 * CHUNK
 MEASURED_NOISE = np.array([0.6, 0.3, 0.3, 0.3, 0.01, 0.01, 0.02, 0.01, 0.01])
 """First guess of white noise: airspeed [m/s], velocity [m/s], attitude [rad], vanes [rad]."""
 MEASURED_FLOOR = np.array([0.1, 0.03, 0.03, 0.03, 0.002, 0.002, 0.004, 0.002, 0.002])
+
+FRESH = {"airspeed": 10.0, "velocity": 10.0, "vanes": 10.0}
+"""Independent samples a second [Hz]: what comes faster repeats the errors of tubing, of the flow
+around the airframe and of the navigation filter."""
 
 PRIOR = {
     "attitude": 0.05,
@@ -136,13 +142,21 @@ def reconstruct(data: FlightData, aircraft: Aircraft) -> Reconstruction:
     levers, reference = sensor_levers(aircraft)
     noise = first_noise(data)
     inputs = data.inputs()
-    sample = _middle(inputs)
+    first, rows = _middle(inputs)
+    believed: ScaleBelief | None = None
     for _ in range(ROUNDS):
-        state, covariance = first_state(data, aircraft, sample[0])
-        part = smooth(state, covariance, sample[1], levers, reference, noise)
-        noise = _refined(noise, part, sample[1])
+        state, covariance = first_state(data, aircraft, first)
+        prior = covariance if believed is None else believed.held(covariance, rows)
+        part = smooth(state, prior, rows, levers, reference, noise)
+        noise = _refined(noise, part, rows)
+        if believed is None and "vanes" in data.used:
+            believed = scale_belief(noise, part, rows, covariance)
     state, covariance = first_state(data, aircraft, 0)
-    smoothed = smooth(state, covariance, inputs, levers, reference, noise)
+    if believed is None:
+        smoothed = smooth(state, covariance, inputs, levers, reference, noise)
+    else:
+        prior = believed.held(covariance, inputs)
+        smoothed = believed.told(smooth(state, prior, inputs, levers, reference, noise))
     return _described(data, smoothed, noise, -reference)
 
 
@@ -191,8 +205,19 @@ def first_noise(data: FlightData) -> Noise:
         gust_time=jnp.asarray(GUST_TIME, dtype=float),
         attitude_error=jnp.asarray(np.deg2rad([1.0, 1.0, 3.0])),
         attitude_error_time=jnp.asarray(20.0, dtype=float),
-        measured=jnp.asarray(MEASURED_NOISE),
+        measured=jnp.asarray(MEASURED_NOISE * np.sqrt(repeated(data.time, data.measured))),
     )
+
+
+def repeated(
+    time: Float[np.ndarray, " sample"], measured: Measurements
+) -> Float[np.ndarray, " row"]:
+    """How many samples of each row share one error: its white noise has this times the variance."""
+    counts = np.ones(MEASURED_NOISE.size)
+    for group, (name, rows) in enumerate(MEASURED.items()):
+        rate = np.count_nonzero(measured.valid[:, group]) / max(float(np.ptp(time)), 1e-6)
+        counts[rows] = max(1.0, rate / FRESH.get(name, np.inf))
+    return counts
 
 
 def first_state(
@@ -270,14 +295,14 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
     """One round of expectation–maximisation: measurement noise, attitude error, gust intensity.
 
     The gust's is taken from its horizontal component along the flight path, which the pitot tube
-    sees; with vanes from all three components. Its steps are taken twice as far: plain
-    expectation–maximisation halves too large a gust once a round and needs many (over-relaxed steps
-    of up to twice the length still converge; Salakhutdinov & Roweis 2003). The attitude's are not:
-    a flight shows a slow error only a few times, and what it does not show must keep its size.
+    sees; with vanes from all three components. Steps are plain: taken further, a gust that two
+    sensors disagree about grows from round to round, and one in light air falls below what flew.
     """
+    repeats = repeated(np.cumsum(inputs.step), inputs.measured)
+    gross = 5.0 * np.asarray(noise.measured) / np.sqrt(repeats)
     residual = np.where(
         np.isfinite(smoothed.residual),
-        np.clip(smoothed.residual, -5.0 * noise.measured, 5.0 * noise.measured),
+        np.clip(smoothed.residual, -gross, gross),
         np.nan,
     )
     present = np.isfinite(residual).any(axis=0)
@@ -285,7 +310,7 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
         np.where(present, residual, 0.0) ** 2 + np.where(present, smoothed.residual_variance, 0.0),
         axis=0,
     )
-    measured = np.where(present, np.sqrt(square), np.asarray(noise.measured))
+    measured = np.maximum(np.sqrt(square), MEASURED_FLOOR) * np.sqrt(repeats)
     gust = smoothed.rest[:, BLOCKS["gust"]]
     second = gust**2 + smoothed.deviation[:, BLOCKS["gust"]] ** 2
     if inputs.measured.valid[:, list(MEASURED).index("vanes")].any():
@@ -295,8 +320,6 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
         ahead = frames.rotate(smoothed.attitude, np.array([[1.0, 0.0, 0.0]]))[:, :2]
         level = np.sqrt(np.sum(second[:, :2] * ahead**2) / np.sum(ahead**2))
         vertical = UNSEEN_VERTICAL_GUST * level
-    before = np.asarray(noise.gust)
-    level, vertical = level**2 / before[0], vertical**2 / before[2]
     slow = BLOCKS["attitude_error"]
     error = np.mean(smoothed.rest[:, slow] ** 2 + smoothed.deviation[:, slow] ** 2, axis=0)
     # North and east are like each other: the vertical has no heading.
@@ -304,7 +327,7 @@ def _refined(noise: Noise, smoothed: Smoothed, inputs: Inputs) -> Noise:
     error = np.clip(error, LEAST_ATTITUDE_ERROR, np.deg2rad(5.0))
     return noise._replace(
         attitude_error=jnp.asarray(error),
-        measured=jnp.asarray(np.maximum(measured, MEASURED_FLOOR)),
+        measured=jnp.asarray(np.where(present, measured, np.asarray(noise.measured))),
         gust=jnp.asarray(gust_intensities(level, vertical)),
     )
 
