@@ -134,7 +134,9 @@ class RowMaker:
                 self._measure(group, time, np.array([sample.channels[c] for c in choice.channels]))
         if not self._inertial.takes(sample, time):
             return None
-        return self._step(sample, time)
+        # Rate and specific force of a row are one sample: the gyro's lag stands for both.
+        late = measurements.lateness(self._aircraft, self._inertial.chosen, "gyro")
+        return self._step(sample, time - late)
 
     def _air(self, sample: Sample, time: float) -> None:
         if self._altitude.takes(sample, time):

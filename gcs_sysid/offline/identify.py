@@ -25,6 +25,7 @@ from gcs_sysid.offline import (
     model_store,
     samples_table,
     summary,
+    unused_keys,
 )
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.reconstruct.segments import split
@@ -189,7 +190,7 @@ def _document(
         "envelope": summary.envelope(table, aircraft.control_names),
         "trim": summary.trim(table, aircraft.control_names),
         "limits": summary.limits(aircraft),
-        "warnings": advice.warnings(flights, model),
+        "warnings": advice.warnings(flights, model) + unused_keys.warnings(aircraft),
         "cannot_tell": advice.cannot_tell(found, refused, aircraft.control_names),
     }
     if not held_out:

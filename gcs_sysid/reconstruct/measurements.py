@@ -78,6 +78,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     if gyro_stream is None:
         raise _missing(source, "angular rate", "RAW_IMU or ATTITUDE", "at 50 Hz")
     time, gyro = _series(gyro_stream, ("p", "q", "r"), window)
+    time = time - lateness(aircraft, gyro_stream.name, "gyro")
     if time.size < 100:
         raise _missing(source, "angular rate while airborne", gyro_stream.name, "at 50 Hz")
     time, keep = np.unique(time, return_index=True)
@@ -93,6 +94,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         accelerometer = np.broadcast_to(still, gyro.shape)
     else:
         force_time, force = _series(inertial, ("acc_x", "acc_y", "acc_z"), window)
+        force_time = force_time - lateness(aircraft, inertial.name, "accelerometer")
         accelerometer = _interpolate(time, force_time, force)
         used["accelerometer"] = inertial.name
         rates["accelerometer"] = _rate(force_time)
@@ -255,6 +257,10 @@ def lateness(aircraft: Aircraft, stream: str, group: str) -> float:
     A sensor's first-order lag counts as a delay: to first order in the lag they are the same.
     """
     delay = aircraft.streams[stream].delay if stream in aircraft.streams else 0.0
+    if group == "gyro":
+        return delay + aircraft.imu.gyro.lag
+    if group == "accelerometer":
+        return delay + aircraft.imu.accelerometer.lag
     if group == "airspeed":
         return delay + aircraft.pitot.error.lag
     if group == "vanes" and aircraft.vanes is not None:

@@ -223,6 +223,34 @@ def test_known_delays_and_lags_move_samples_back(recording: Recording, aircraft:
         np.testing.assert_allclose(same[-count:], values[-count:], rtol=1e-6)
 
 
+def test_an_inertial_unit_that_is_late_describes_the_motion_before_its_stamp(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    """Ramps: a gyro 20 ms and an accelerometer 50 ms late are seen as their values shifted."""
+    unit = recording.streams["RAW_IMU"]
+    ramps = {name: np.asarray(unit.time) * slope for slope, name in enumerate(unit.channels, 1)}
+    ramped = replace(unit, channels=ramps)
+    flown = replace(recording, streams={**recording.streams, "RAW_IMU": ramped})
+    late = replace(
+        aircraft,
+        streams={"RAW_IMU": StreamTiming(0.015)},
+        imu=Imu(
+            gyro=SensorError(bias=(0.0,) * 3, scale=(0.0,) * 3, lag=0.005),
+            accelerometer=SensorError(bias=(0.0,) * 3, scale=(0.0,) * 3, lag=0.035),
+        ),
+    )
+    data = measurements.select(flown, late, EVERYTHING)
+    names = list(unit.channels)
+    slope = {name: 1.0 + names.index(name) for name in names}
+    inside = slice(5, -5)  # beyond the last accelerometer sample its value is held
+    for index, axis in enumerate("pqr"):
+        expected = slope[axis] * (data.time + 0.02)
+        np.testing.assert_allclose(data.gyro[inside, index], expected[inside], rtol=1e-9)
+    for index, axis in enumerate("xyz"):
+        expected = slope[f"acc_{axis}"] * (data.time + 0.05)
+        np.testing.assert_allclose(data.accelerometer[inside, index], expected[inside], rtol=1e-9)
+
+
 def test_density_and_height_follow_from_static_pressure(
     recording: Recording, aircraft: Aircraft
 ) -> None:
