@@ -21,6 +21,7 @@ COMMANDS = (
     "evaluate",
     "simulate",
     "diagnose",
+    "suggest",
     "listen",
     "replay",
     "sitl",

@@ -33,7 +33,9 @@ def write(run: Literal["identify", "predict"], summary: Mapping[str, Any], table
     return ten_lines(summary, path)
 
 
-def sheet(run: Literal["simulate", "diagnose"], summary: Mapping[str, Any], table: Path) -> str:
+def sheet(
+    run: Literal["simulate", "diagnose", "suggest"], summary: Mapping[str, Any], table: Path
+) -> str:
     """As `write`, for the runs whose report is findings with sections of tables and figures.
 
     Args:
@@ -44,12 +46,12 @@ def sheet(run: Literal["simulate", "diagnose"], summary: Mapping[str, Any], tabl
     import pyarrow.parquet as parquet
 
     from gcs_sysid.offline import documents
-    from gcs_sysid.report import diagnose, simulate
+    from gcs_sysid.report import diagnose, simulate, suggest
     from gcs_sysid.report import sheet as sheets
 
     columns = parquet.read_table(table)
     samples = {name: columns[name].to_numpy() for name in columns.column_names}
-    made = {"simulate": simulate, "diagnose": diagnose}[run]
+    made = {"simulate": simulate, "diagnose": diagnose, "suggest": suggest}[run]
     path = table.with_name(REPORT)
     documents.write_text(path, made.render(summary, samples))
     return sheets.lines(made.findings(summary), path)

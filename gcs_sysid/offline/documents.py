@@ -6,7 +6,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,8 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     write_text(path, dump_json(document) + "\n")
 
 
-def dump_json(document: Mapping[str, Any]) -> str:
-    """A document as JSON text."""
+def dump_json(document: Mapping[str, Any] | Sequence[Any]) -> str:
+    """A document, or a list of entries, as JSON text."""
     return json.dumps(plain(document), indent=1, allow_nan=False)
 
 
