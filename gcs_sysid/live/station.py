@@ -74,6 +74,7 @@ class Station:
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
         self.watch = FlyingWatch(aircraft)
+        self.ahead = FlyingWatch(aircraft)
         self.latency = Latency()
         self.effort = Latency()
         self.newest: Estimate | None = None
@@ -95,9 +96,13 @@ class Station:
 
     def take(self, samples: Iterable[Sample]) -> None:
         """As `receive`, of samples."""
-        self._waiting.extend(samples)
-        while len(self._waiting) > WAITING:
-            self._skip(self._waiting.popleft())
+        for sample in samples:
+            self._waiting.append(sample)
+            # What waits for the filter, or has waited too long for it, flies none the less.
+            if sample.stream in AIRSPEED_STREAMS and measured(sample, ("airspeed",)):
+                self.ahead.take(sample.time_us * 1e-6, sample.channels["airspeed"])
+            if len(self._waiting) > WAITING:
+                self._skip(self._waiting.popleft())
 
     def work(self, until_us: int) -> None:
         """Works on what waits, at most until the clock says `until_us`."""
@@ -167,7 +172,7 @@ class Station:
             heard = self.decoder.received
             return "waiting for an autopilot's heartbeat" if heard else "waiting for data"
         if not self.watch.flying:
-            return "on the ground"
+            return "flying, the filter is behind" if self.ahead.flying else "on the ground"
         if not self.filter.started:
             missing = self.rows.missing or self.filter.missing
             return f"starting, needs {', '.join(missing)}" if missing else "starting"

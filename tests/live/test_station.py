@@ -12,6 +12,7 @@ from gcs_sysid.live import station as stations
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.live.warming import _flight
 from gcs_sysid.model.kinematics import BLOCKS
+from gcs_sysid.recording import NO_AUTOPILOT, Vehicle
 from gcs_sysid.sources.samples import Sample
 
 PART_S = 6.5
@@ -65,6 +66,18 @@ def test_what_is_too_old_is_not_filtered_but_counted(
     lost = flown(aircraft, compiled, late_us=5_000_000)
     assert lost.updates == 0
     assert lost.skipped > steady.updates
+
+
+def test_what_is_too_old_for_the_filter_flies_none_the_less(
+    aircraft: Aircraft, compiled: Compiled
+) -> None:
+    """A short flight that ended while the filter was compiled was said to be on the ground,
+
+    where `inspect` found it airborne in the recording.
+    """
+    lost = flown(aircraft, compiled, late_us=5_000_000)
+    lost.decoder.vehicle = Vehicle(1, 1, NO_AUTOPILOT, "MAV_TYPE_FIXED_WING", 1)
+    assert lost.phase() == "flying, the filter is behind"
 
 
 def test_a_hole_begins_attitude_and_velocity_anew_and_keeps_the_wind(
