@@ -29,9 +29,18 @@ $(VENV)/.installed: $(VENV)/.locked pyproject.toml
 	@touch $@
 	@echo "Ready: $(BIN)/gcs-sysid --help"
 
+DEMO := out/demo
+DEMO_AIRCRAFT := replay/ultra_stick_25e.toml
+
 demo: setup
-	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
-		--out out/demo
+	@echo "An aircraft takes off whose elevator is weaker than its file says; nobody is told."
+	@$(BIN)/gcs-sysid sitl --scenario replay/weak_elevator/scenario.toml --out $(DEMO)/flights
+	@echo "What the first flight says, and what to fly next:"
+	@$(BIN)/gcs-sysid identify $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
+		--out $(DEMO)/identify
+	@echo "What the simulation gets wrong; the second flight took no part:"
+	@$(BIN)/gcs-sysid diagnose $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
+		--holdout $(DEMO)/flights/second.tlog --out $(DEMO)/diagnose
 
 flights: setup
 	@$(BIN)/gcs-sysid sitl --scenario replay/demo/scenario.toml
@@ -61,8 +70,10 @@ results: BENCH = --save
 results: bench
 	@$(BIN)/python docs/results.py
 
-picture: demo
-	@$(BIN)/python docs/picture.py out/demo data/flights/demo_truth.json
+picture: setup
+	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
+		--out out/picture
+	@$(BIN)/python docs/picture.py out/picture data/flights/demo_truth.json
 
 # Universal: one file for every platform and Python version, with a hash for each archive.
 lock:

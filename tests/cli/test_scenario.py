@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -128,3 +130,16 @@ def test_an_unknown_name_gets_those_there_are(capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "demo" in error
+
+
+@pytest.mark.slow
+def test_a_scenario_of_replay_is_flown_identified_and_found_as_expected(tmp_path):
+    """The cheapest of them; all are in tests/benchmarks/bench_scenarios.py."""
+    command = [sys.executable, "-m", "gcs_sysid", "scenario", "low_rate"]
+    done = subprocess.run(
+        [*command, "--out", "a", "--cache", "cache"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert done.stdout.splitlines()[-1] == "low_rate: 8 of 8 expectations hold"
+    assert (tmp_path / "a" / "identify" / "report.html").exists()
