@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.figures.data import SIGMAS_95, Axis, Band, Figure, Panel, Series, Span
+from gcs_sysid.figures.data import SIGMAS_95, Axis, Band, Figure, Panel, Series
 from gcs_sysid.figures.reduce import extreme_indices, limits
 from gcs_sysid.figures.samples import Samples
 
@@ -25,12 +25,11 @@ CHANNELS: Mapping[str, tuple[str, str, float]] = {
 """Label, unit for people, and factor from SI."""
 
 
-def history(table: Samples, spans: tuple[Span, ...], *, bins: int) -> Figure:
+def history(table: Samples, *, bins: int) -> Figure:
     """All channels over a flight.
 
     Args:
         table: of simulated windows, in the order of time.
-        spans: the maneuvers.
         bins: bins that each curve is reduced to.
     """
     window = np.asarray(table["window"])
@@ -45,7 +44,6 @@ def history(table: Samples, spans: tuple[Span, ...], *, bins: int) -> Figure:
         "leave open, 95 %.",
         x=Axis("time since the log started", "s", (float(time[0]), float(time[-1]))),
         panels=tuple(_panel(table, name, time, breaks, bins) for name in CHANNELS),
-        spans=spans,
         link="simulation",
     )
 

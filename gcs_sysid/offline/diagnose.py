@@ -22,7 +22,7 @@ from gcs_sysid.diagnose.problem import Problem
 from gcs_sysid.diagnose.ranking import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
 from gcs_sysid.diagnose.verdict import NAMED, Verdict
-from gcs_sysid.errors import UsageError
+from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.offline import (
     advice,
     documents,
@@ -118,7 +118,15 @@ class _Part:
 def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tuple[_Part, _Part]:
     """What is fitted, and what it is judged by: other maneuvers, or the last flight."""
     seen = tuple(observed(one, aircraft) for one in flights)
-    problems = tuple(problem.build(aircraft, one, number=i) for i, one in enumerate(seen))
+    built = [problem.build(aircraft, one, number=i) for i, one in enumerate(seen)]
+    common = set.intersection(*(set(one.usable) for one in built))
+    if not common:
+        raise RefusedError(
+            flights[0].recording.source,
+            "no coefficient of the simulation was measured in every flight",
+            fix="diagnose the flights one by one, or record what is missing",
+        )
+    problems = tuple(replace(one, usable=tuple(sorted(common))) for one in built)
     if apart:
         first = tuple(item.id for one in flights[:-1] for item in one.segments)
         last = tuple(item.id for item in flights[-1].segments)

@@ -112,7 +112,7 @@ def _said(summary: Mapping) -> str:
     percent = f"{100.0 * summary['probability']:.0f} %"
     match summary["verdict"]:
         case "effect":
-            return f"{' and '.join(summary['effects'])}, probability {percent}."
+            return f"{_label(summary['ranking'][0])}, probability {percent}."
         case "ambiguous":
             return (
                 f"{' or '.join(summary['indistinguishable'])}: this flight cannot tell them apart."

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_sysid.figures.data import Span
 from gcs_sysid.figures.simulation import history
 from gcs_sysid.report import sheet
 from gcs_sysid.report.findings import Finding
@@ -24,15 +23,6 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
         summary: the document of `simulate`.
         table: `simulated.parquet`, one array a column.
     """
-    spans = tuple(
-        Span(
-            f"{'+'.join(item['controls'])} {item['kind']} {item['id']}".strip(),
-            item["start_s"],
-            item["start_s"] + item["duration_s"],
-            "fitted",
-        )
-        for item in summary["maneuvers"]
-    )
     return sheet.render(
         Sheet(
             kind="Simulation report",
@@ -51,14 +41,16 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                 Section(
                     "departures",
                     "Departures",
-                    "Windows in which a channel left its tolerance, the largest first.",
-                    tables=(_departures(summary),),
+                    "Windows in which a channel left its tolerance, the largest first."
+                    if summary["departures"]
+                    else "None: no channel left its tolerance in any window.",
+                    tables=(_departures(summary),) if summary["departures"] else (),
                 ),
                 Section(
                     "motion",
                     "Motion",
                     "Zooming in time carries over between the panels.",
-                    figures=(history(table, spans, bins=_BINS),),
+                    figures=(history(table, bins=_BINS),),
                 ),
             ),
             files="simulate.json and simulated.parquet",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gcs_sysid.figures.maneuver import maneuver
-from gcs_sysid.report import sheet
+from gcs_sysid.report import labels, sheet
 from gcs_sysid.report.findings import Finding
 from gcs_sysid.report.numbers import number
 from gcs_sysid.report.sheet import Section, Sheet, Table
@@ -41,7 +41,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     "Derivatives",
                     "One standard deviation of each term, now and after the maneuver. What errors "
                     "of mass and inertia leave open no maneuver closes.",
-                    tables=tuple(_derivatives(item) for item in listed if item["worth"] > 0.0),
+                    tables=tuple(_derivatives(item) for item in _best(listed)),
                 ),
                 Section(
                     "motion",
@@ -129,9 +129,23 @@ def _maneuvers(summary: Mapping) -> Table:
     )
 
 
+def _best(listed: Sequence[Mapping]) -> list[Mapping]:
+    """The worthiest maneuver of each set of controls."""
+    first: dict[tuple[str, ...], Mapping] = {}
+    for item in listed:
+        first.setdefault(tuple(item["controls"]), item)
+    return list(first.values())
+
+
 def _derivatives(item: Mapping) -> Table:
     rows = []
     for name in item["target"]["coefficients"]:
         for key, one in item["expected"][name]["derivatives"].items():
-            rows.append((f"{name} {key}", number(one["sd_before"], 3), number(one["sd_after"], 3)))
+            rows.append(
+                (
+                    labels.derivative(name, key),
+                    number(one["sd_before"], 3),
+                    number(one["sd_after"], 3),
+                )
+            )
     return Table((str(item["name"]).replace("_", " "), "sd before", "sd after"), tuple(rows))
