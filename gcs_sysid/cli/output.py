@@ -17,7 +17,7 @@ Progress = Callable[[str, float], None]
 """Takes what is being done and which fraction of the whole is behind it, 0 to 1."""
 
 DOCUMENTS = (
-    *("inspect.json", "summary.json", "simulate.json", "diagnosis.json"),
+    *("inspect.json", "summary.json", "simulate.json", "diagnosis.json", "suggest.json"),
     *("live.json", "scenario.json"),
 )
 """Files that name the program that wrote them, and so vouch for the others beside them."""

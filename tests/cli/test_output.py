@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import json
 import sys
 
 import pytest
 
-from gcs_sysid.cli import output
+from gcs_sysid.cli import entry, output
 from gcs_sysid.errors import InputError
 
 WRITES = ["model", "summary.json", "samples.parquet"]
@@ -106,3 +107,11 @@ def test_json_goes_to_stdout_alone(capsys):
 def test_words_otherwise(capsys):
     output.show({"a": 1.5}, "words", as_json=False)
     assert capsys.readouterr().out == "words\n"
+
+
+@pytest.mark.parametrize("name", entry.COMMANDS)
+def test_what_a_command_leaves_can_be_renewed(name):
+    """`suggest` and `diagnose` once refused the folder that they had written themselves."""
+    module = importlib.import_module(f"gcs_sysid.cli.commands.{name}")
+    writes = getattr(module, "WRITES", None)
+    assert writes is None or set(writes) & set(output.DOCUMENTS)
