@@ -35,9 +35,11 @@ DEMO_AIRCRAFT := replay/ultra_stick_25e.toml
 demo: setup
 	@echo "An aircraft takes off whose elevator is weaker than its file says; nobody is told."
 	@$(BIN)/gcs-sysid sitl --scenario replay/weak_elevator/scenario.toml --out $(DEMO)/flights
-	@echo "What the first flight says, and what to fly next:"
+	@echo "What the first flight says:"
 	@$(BIN)/gcs-sysid identify $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
 		--out $(DEMO)/identify
+	@echo "What to fly to know its pitching moment better:"
+	@$(BIN)/gcs-sysid suggest --model $(DEMO)/identify --target Cm --out $(DEMO)/suggest
 	@echo "What the simulation gets wrong; the second flight took no part:"
 	@$(BIN)/gcs-sysid diagnose $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
 		--holdout $(DEMO)/flights/second.tlog --out $(DEMO)/diagnose
