@@ -1,0 +1,363 @@
+"""Filter error: derivatives, sensor errors and gust intensities of greatest likelihood.
+
+The innovations of the aided filter are independent if the model is right, so that their density is
+the likelihood of everything in it (Maine & Iliff, NASA RP-1138, 1985; Jategaonkar, *Flight Vehicle
+System Identification*, 2nd ed. 2015, chapter 5). Maximised by Levenberg–Marquardt steps with the
+exact gradient; the curvature is the Fisher information, of means from the innovations'
+sensitivities, of intensities from those of their covariance, ½ tr(S⁻¹ ∂S S⁻¹ ∂S).
+
+Three stages, since a filter with wrong derivatives would rather believe in wrong intensities:
+derivatives alone with intensities from the sensors and the turbulence model; derivatives and
+intensities; everything. After every step the nominal flight is smoothed anew, and the step is kept
+only if the likelihood about *that* flight has grown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float
+
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
+from gcs_sysid.reconstruct import aided_smoother
+from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel, Smoothed, positive
+from gcs_sysid.reconstruct.linear_filter import Belief
+
+LONGEST_LOG_STEP = 0.5
+"""An intensity changes by no more than this factor's logarithm in a step."""
+SAMPLE_ROWS = 1000
+"""Rows on which the information about intensities is worked out; it is needed roughly only."""
+MOST_TRIALS = 7
+
+
+class Stage(NamedTuple):
+    """Which parameters move, and for how long.
+
+    Attributes:
+        sensors: names of the sensor errors set free.
+        intensities: whether the intensities are free.
+        steps: at most.
+        gain: least growth of the log-likelihood for which another step is worth it.
+    """
+
+    sensors: tuple[str, ...]
+    intensities: bool
+    steps: int
+    gain: float
+
+
+STAGES = (
+    Stage(("accelerometer_bias",), False, 6, 100.0),
+    Stage(("accelerometer_bias", "gyro_bias", "surface_delay", "attitude_delay"), True, 12, 5.0),
+    Stage(aided.Sensors._fields, True, 15, 0.3),
+)
+
+
+class Unknowns(NamedTuple):
+    """A value, or one standard deviation, of everything that can be estimated."""
+
+    means: Means
+    log_noise: Noise
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight as the filter reads it.
+
+    Attributes:
+        rows: samples.
+        nominal: first guess of the states, one a row.
+        start: belief about the deviation from it before the first row.
+    """
+
+    rows: Row
+    nominal: State
+    start: Belief
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a maximisation found.
+
+    Attributes:
+        unknowns: values of greatest posterior density.
+        deviation: one standard deviation of each.
+        covariance: of the derivatives, in the order of `keys`.
+        keys: coefficient and regressor of each derivative.
+        bound: one standard deviation by the flight alone, were all intensities known.
+        states: smoothed flight, one state a row.
+        smoothed: its covariance, the innovations.
+        objective: negative log posterior after each step.
+        converged: whether the last stage ended because nothing more was to be gained.
+    """
+
+    unknowns: Unknowns
+    deviation: Unknowns
+    covariance: Float[np.ndarray, "term term"]
+    keys: tuple[tuple[str, str], ...]
+    bound: Float[np.ndarray, " term"]
+    states: State
+    smoothed: Smoothed
+    objective: tuple[float, ...]
+    converged: bool
+
+
+class _Point(NamedTuple):
+    """Parameters with the flight smoothed under them."""
+
+    values: Float[np.ndarray, " parameter"]
+    nominal: State
+    chunks: list[Chunk]
+    objective: float
+
+
+def fit(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    prior: Unknowns,
+    sigma: Unknowns,
+    progress: Callable[[str], None],
+) -> Fit:
+    """Maximises the posterior density.
+
+    Args:
+        model: the aircraft; its aerodynamic terms are those of `first`.
+        flight: measurements and first states.
+        first: where to begin.
+        prior: means of the Gaussian priors.
+        sigma: their standard deviations; infinite for none, 0 to hold a parameter.
+        progress: told about every step.
+    """
+    problem = _Problem(model, flight, first, prior, sigma)
+    point = problem.smoothed(problem.flat(first), flight.nominal, rounds=3)
+    history, converged, damping = [point.objective], False, 0.1
+    for number, stage in enumerate(STAGES, 1):
+        free = problem.free(stage)
+        for index in range(stage.steps):
+            progress(f"stage {number}, step {index + 1}: log-likelihood {-point.objective:.1f}")
+            found, damping = _improved(problem, point, free, stage.intensities, damping)
+            if found is None:
+                converged = True
+                break
+            gained = point.objective - found.objective
+            point = found
+            history.append(point.objective)
+            converged = gained < stage.gain
+            if converged:
+                break
+    return problem.result(point, tuple(history), converged)
+
+
+def _improved(
+    problem: _Problem,
+    point: _Point,
+    free: Bool[np.ndarray, " parameter"],
+    intensities: bool,
+    damping: float,
+) -> tuple[_Point | None, float]:
+    """A better point and the damping that led to it; None when none was found."""
+    slope, curvature = problem.slope(point), problem.curvature(point, intensities=intensities)
+    logs = np.arange(slope.size) >= problem.mean_count
+    # Squares of innovations beyond their stated size curve the density more than the information
+    # says; a diagonal that keeps every step inside its limit is as good and costs nothing.
+    least = np.where(logs, np.abs(slope) / LONGEST_LOG_STEP, 0.0)
+    diagonal = np.diagonal(curvature)
+    curvature = curvature + np.diag(np.maximum(least - diagonal, 0.0))
+    inner = curvature[np.ix_(free, free)]
+    for _ in range(MOST_TRIALS):
+        damped = inner + np.diag(np.diagonal(inner) * np.where(logs[free], damping + 0.3, damping))
+        step = np.zeros(slope.size)
+        step[free] = -np.linalg.solve(damped, slope[free])
+        step = np.where(logs, np.clip(step, -LONGEST_LOG_STEP, LONGEST_LOG_STEP), step)
+        found = problem.smoothed(point.values + step, point.nominal, rounds=2)
+        if np.isfinite(found.objective) and found.objective < point.objective:
+            return found, max(damping / 5.0, 1e-6)
+        damping = max(8.0 * damping, 1e-3)
+    return None, damping
+
+
+class _Problem:
+    """A flight, its model and its priors as functions of one flat vector."""
+
+    def __init__(
+        self, model: FlightModel, flight: Flight, first: Unknowns, prior: Unknowns, sigma: Unknowns
+    ) -> None:
+        self.model, self.flight = model, flight
+        self._unravel = ravel_pytree(first)[1]
+        self.mean_count = ravel_pytree(first.means)[0].size
+        self._unravel_noise = ravel_pytree(first.log_noise)[1]
+        self._prior, self._sigma = self.flat(prior), self.flat(sigma)
+        held = self._sigma == 0.0
+        self._held = held
+        self._weight = np.where(held, 0.0, 1.0 / np.where(held, 1.0, self._sigma) ** 2)
+
+    def flat(self, unknowns: Unknowns) -> Float[np.ndarray, " parameter"]:
+        return np.asarray(ravel_pytree(unknowns)[0])
+
+    def unknowns(self, values: Float[np.ndarray, " parameter"]) -> Unknowns:
+        return self._unravel(jnp.asarray(values))
+
+    def free(self, stage: Stage) -> Bool[np.ndarray, " parameter"]:
+        """Which parameters a stage moves."""
+        zeros = jax.tree.map(jnp.zeros_like, self.unknowns(self._prior))
+        ones = jax.tree.map(jnp.ones_like, zeros)
+        sensors = zeros.means.sensors._replace(
+            **{name: getattr(ones.means.sensors, name) for name in stage.sensors}
+        )
+        noise = ones.log_noise if stage.intensities else zeros.log_noise
+        chosen = Unknowns(Means(ones.means.aerodynamics, sensors), noise)
+        return (self.flat(chosen) > 0.0) & ~self._held
+
+    def smoothed(
+        self, values: Float[np.ndarray, " parameter"], nominal: State, *, rounds: int
+    ) -> _Point:
+        """The point at `values`, the flight smoothed from another's."""
+        means, logs = self.unknowns(values)
+        nominal, _ = aided_smoother.iterated(
+            self.model, means, logs, self.flight.rows, nominal, self.flight.start, rounds=rounds
+        )
+        chunks = aided_smoother.chunks(self.flight.rows, nominal)
+        density = aided_smoother.log_likelihood(self.model, means, logs, chunks, self.flight.start)
+        away = values - self._prior
+        penalty = 0.5 * float(np.sum(self._weight * away**2))
+        return _Point(values, nominal, chunks, penalty - density)
+
+    def slope(self, point: _Point) -> Float[np.ndarray, " parameter"]:
+        """Gradient of the objective."""
+        means, logs = self.unknowns(point.values)
+        parts = aided_smoother.gradient(self.model, means, logs, point.chunks, self.flight.start)
+        return self._weight * (point.values - self._prior) - self.flat(Unknowns(*parts))
+
+    def curvature(
+        self, point: _Point, *, intensities: bool
+    ) -> Float[np.ndarray, "parameter parameter"]:
+        """Fisher information and prior."""
+        means, logs = self.unknowns(point.values)
+        total = np.diag(self._weight)
+        count = self.mean_count
+        total[:count, :count] += aided_smoother.information(
+            self.model, means, logs, point.chunks, self.flight.start
+        )
+        if intensities:
+            total[count:, count:] += self._noise_information(means, logs, point.chunks)
+        return total
+
+    def _noise_information(
+        self, means: Means, logs: Noise, chunks: list[Chunk]
+    ) -> Float[np.ndarray, "intensity intensity"]:
+        chunk = jax.tree.map(lambda part: part[:SAMPLE_ROWS], chunks[len(chunks) // 2])
+        rows = aided_smoother.linearised(self.model, means, logs, chunk)
+        matrix = noise_information(
+            ravel_pytree(logs)[0],
+            self._unravel_noise,
+            self.flight.start.covariance,
+            rows,
+            chunk.row.step,
+        )
+        share = self.flight.rows.step.shape[0] / SAMPLE_ROWS
+        return np.asarray(matrix) * share
+
+    def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
+        unknowns = self.unknowns(point.values)
+        nominal, smoothed = aided_smoother.iterated(
+            self.model,
+            *unknowns,
+            self.flight.rows,
+            point.nominal,
+            self.flight.start,
+            rounds=1,
+        )
+        curvature = self.curvature(point, intensities=True)
+        free = ~self._held
+        covariance = np.zeros_like(curvature)
+        covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
+        keys = derivative_keys(unknowns.means.aerodynamics)
+        chosen = np.arange(len(keys))
+        alone = curvature[: self.mean_count, : self.mean_count] - np.diag(
+            self._weight[: self.mean_count]
+        )
+        return Fit(
+            unknowns=unknowns,
+            deviation=self.unknowns(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),
+            covariance=covariance[np.ix_(chosen, chosen)],
+            keys=keys,
+            bound=_bound(alone, chosen),
+            states=nominal,
+            smoothed=smoothed,
+            objective=history,
+            converged=converged,
+        )
+
+
+def derivative_keys(
+    aerodynamics: Mapping[str, Mapping[str, Array]],
+) -> tuple[tuple[str, str], ...]:
+    """Coefficient and regressor of every derivative in the order of the flat vector.
+
+    They come first in it: `Means.aerodynamics` is the first field, and dictionaries are flattened
+    in the order of their sorted keys.
+    """
+    return tuple((name, key) for name in sorted(aerodynamics) for key in sorted(aerodynamics[name]))
+
+
+def _bound(
+    information: Float[np.ndarray, "parameter parameter"], chosen: np.ndarray
+) -> Float[np.ndarray, " term"]:
+    """Cramér–Rao: what no unbiased estimate can beat, infinite where the flight says nothing."""
+    values, vectors = np.linalg.eigh(information)
+    seen = values > 1e-12 * values[-1]
+    spread = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    hidden = np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-6
+    return np.where(hidden, np.inf, np.sqrt(np.diagonal(spread)))[chosen]
+
+
+@partial(jax.jit, static_argnums=1)
+def noise_information(
+    logs: Float[Array, " intensity"],
+    unravel: Callable[[Array], Noise],
+    covariance: Float[Array, "state state"],
+    rows: Linearised,
+    step: Float[Array, " sample"],
+) -> Float[Array, "intensity intensity"]:
+    """½ Σ tr(S⁻¹ ∂S S⁻¹ ∂S), S the innovations' covariance, over log intensities.
+
+    Args:
+        logs: log intensities.
+        unravel: makes a `Noise` of them.
+        covariance: of the deviation before the first row.
+        rows: the flight about its nominal.
+        step: lengths of its steps [s].
+    """
+
+    def spreads(values: Float[Array, " intensity"]) -> Float[Array, "sample row row"]:
+        noise = positive(unravel(values))
+        white = aided.measurement_variance(noise)
+
+        def ahead(
+            before: Float[Array, "state state"], item: tuple[Linearised, Float[Array, ""]]
+        ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
+            row, length = item
+            factor = aided.process_factor(row.transition, noise)
+            process = (factor * aided.process_variance(length, noise)[None, :]) @ factor.T
+            predicted = row.transition @ before @ row.transition.T + process
+            seen = row.sensitivity @ predicted
+            spread = seen @ row.sensitivity.T + jnp.diag(jnp.where(row.present, white, 1.0))
+            updated = predicted - seen.T @ jnp.linalg.solve(spread, seen)
+            return 0.5 * (updated + updated.T), spread
+
+        return jax.lax.scan(ahead, covariance, (rows, step))[1]
+
+    spread = spreads(logs)
+    change = jnp.moveaxis(jax.jacfwd(spreads)(logs), -1, 1)
+    scaled = jnp.linalg.solve(spread[:, None], change)
+    return 0.5 * jnp.einsum("kaij,kbji->ab", scaled, scaled)

@@ -1,0 +1,423 @@
+"""The flight model of the aided filter: rigid body with aerodynamics, moving air and sensors.
+
+Where the kinematic model takes rate and specific force from the inertial unit as given, here they
+are *measurements* of a motion that aerodynamics, thrust and gusts bring about. That is what tells
+a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
+
+State: attitude q, velocity v of the centre of gravity over ground, body rate ω, the air of `air`,
+and the slow error of the attitude source. The error state has 21 rows (`BLOCKS`), additive but for
+the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the equations are those
+of `rigid_body`; a sensor at r from the centre of gravity feels
+
+    f = (X + T)/m + ω̇ × r + ω × (ω × r)
+
+Unmodelled forces and moments enter as white noise on v̇ and ω̇.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.atmosphere import GRAVITY
+from gcs_sysid.frames import Array
+from gcs_sysid.model import air, rigid_body
+from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.kinematics import Measurements
+
+BLOCKS: dict[str, slice] = {
+    "attitude": slice(0, 3),
+    "velocity": slice(3, 6),
+    "rate": slice(6, 9),
+    "wind": slice(9, 12),
+    "gust": slice(12, 15),
+    "spin": slice(15, 18),
+    "attitude_error": slice(18, 21),
+}
+"""Where each part of the error state lies."""
+SIZE = 21
+ROWS: dict[str, slice] = {
+    "gyro": slice(0, 3),
+    "accelerometer": slice(3, 6),
+    "airspeed": slice(6, 7),
+    "velocity": slice(7, 10),
+    "attitude": slice(10, 13),
+    "vanes": slice(13, 15),
+}
+"""Rows of the innovation."""
+ROW_COUNT = 15
+STAGES = (
+    np.array([0.0, 0.5, 0.5, 1.0]),
+    np.array([1.0, 2.0, 2.0, 1.0]) / 6.0,
+    np.array([0, 1, 1, 2]),
+)
+"""Of the Runge–Kutta scheme: how far each reaches, its weight, and when its inputs are taken."""
+ATTITUDE_ERROR_TIME = 20.0
+"""Correlation time of an autopilot's attitude error [s]."""
+
+
+class State(NamedTuple):
+    """Motion, air, and attitude error.
+
+    Attributes:
+        attitude: quaternion, body to NED.
+        velocity: of the centre of gravity over ground, NED [m/s].
+        rate: inertial, body axes [rad/s].
+        air: the moving air.
+        attitude_error: by which the attitude source is turned, level axes [rad].
+    """
+
+    attitude: Float[Array, "*batch four"]
+    velocity: Float[Array, "*batch axis"]
+    rate: Float[Array, "*batch axis"]
+    air: Air
+    attitude_error: Float[Array, "*batch axis"]
+
+
+class Sensors(NamedTuple):
+    """Errors of the sensors, constant over a flight.
+
+    Attributes:
+        gyro_bias: [rad/s].
+        accelerometer_bias: [m/s²].
+        airspeed_scale: indicated = (1 + scale)·true.
+        vane_bias: of angle of attack and sideslip [rad].
+        vane_scale: likewise [1].
+        surface_delay: of the surfaces behind the servo commands as given [s].
+        airspeed_delay: how long before its stamp a sample describes the aircraft [s].
+        velocity_delay: likewise.
+        attitude_delay: likewise.
+        vane_delay: likewise.
+    """
+
+    gyro_bias: Float[Array, " axis"]
+    accelerometer_bias: Float[Array, " axis"]
+    airspeed_scale: Float[Array, ""]
+    vane_bias: Float[Array, " two"]
+    vane_scale: Float[Array, " two"]
+    surface_delay: Float[Array, ""]
+    airspeed_delay: Float[Array, ""]
+    velocity_delay: Float[Array, ""]
+    attitude_delay: Float[Array, ""]
+    vane_delay: Float[Array, ""]
+
+
+class Means(NamedTuple):
+    """Everything that the expected measurements depend on."""
+
+    aerodynamics: Mapping[str, Mapping[str, Float[Array, ""]]]
+    sensors: Sensors
+
+
+class Noise(NamedTuple):
+    """Intensities, all one standard deviation.
+
+    Attributes:
+        turbulence: of the air.
+        force: white noise of the acceleration [m/s²/√Hz].
+        moment: of the angular acceleration about each axis [rad/s²/√Hz].
+        attitude_error: slow error of the attitude source, tilt and heading [rad].
+        gyro: white noise of a sample [rad/s].
+        accelerometer: likewise [m/s²].
+        airspeed: likewise [m/s].
+        velocity: likewise, horizontal and vertical [m/s].
+        attitude: likewise, tilt and heading [rad].
+        vanes: likewise [rad].
+    """
+
+    turbulence: Turbulence
+    force: Float[Array, ""]
+    moment: Float[Array, " axis"]
+    attitude_error: Float[Array, " two"]
+    gyro: Float[Array, ""]
+    accelerometer: Float[Array, ""]
+    airspeed: Float[Array, ""]
+    velocity: Float[Array, " two"]
+    attitude: Float[Array, " two"]
+    vanes: Float[Array, ""]
+
+
+class Row(NamedTuple):
+    """One sample: the step that leads to it, and what was measured at its end.
+
+    Attributes:
+        step: length of the step [s]; 0 for the first row and for padding.
+        controls: at the step's beginning, middle and end, in the aircraft's order [rad].
+        control_slopes: change of `controls` per second of surface delay [rad/s].
+        settings: of the engines, throttle or rpm, at the same three times.
+        density: of the air [kg/m³].
+        height: above the ground [m].
+        gyro: angular rate [rad/s].
+        accelerometer: specific force [m/s²].
+        inertial: whether these two were measured.
+        measured: the other sensors.
+    """
+
+    step: Float[Array, "*sample"]
+    controls: Float[Array, "*sample three control"]
+    control_slopes: Float[Array, "*sample three control"]
+    settings: Float[Array, "*sample three engine"]
+    density: Float[Array, "*sample"]
+    height: Float[Array, "*sample"]
+    gyro: Float[Array, "*sample axis"]
+    accelerometer: Float[Array, "*sample axis"]
+    inertial: Bool[Array, "*sample"]
+    measured: Measurements
+
+
+class Linearised(NamedTuple):
+    """A step and its measurements, linear in the deviation e from a nominal flight.
+
+    e(k) = transition · e(k−1) + offset + w,  w ~ N(0, process);  residual = sensitivity · e + v.
+    Absent rows of the residual are zero with unit `variance`.
+    """
+
+    transition: Float[Array, "*sample state state"]
+    offset: Float[Array, "*sample state"]
+    process: Float[Array, "*sample state state"]
+    sensitivity: Float[Array, "*sample row state"]
+    residual: Float[Array, "*sample row"]
+    variance: Float[Array, "*sample row"]
+    present: Bool[Array, "*sample row"]
+
+
+def compose(state: State, error: Float[Array, " state"]) -> State:
+    """The state that differs from `state` by an error state."""
+    moving = state.air
+    return State(
+        frames.multiply(state.attitude, frames.exponential(error[BLOCKS["attitude"]])),
+        state.velocity + error[BLOCKS["velocity"]],
+        state.rate + error[BLOCKS["rate"]],
+        Air(
+            moving.wind + error[BLOCKS["wind"]],
+            moving.gust + error[BLOCKS["gust"]],
+            moving.spin + error[BLOCKS["spin"]],
+        ),
+        state.attitude_error + error[BLOCKS["attitude_error"]],
+    )
+
+
+def difference(first: State, second: State) -> Float[Array, " state"]:
+    """Error state by which `first` differs from `second`; inverse of `compose`."""
+    turn = frames.logarithm(frames.multiply(frames.conjugate(second.attitude), first.attitude))
+    return jnp.concatenate(
+        [
+            turn,
+            first.velocity - second.velocity,
+            first.rate - second.rate,
+            first.air.wind - second.air.wind,
+            first.air.gust - second.air.gust,
+            first.air.spin - second.air.spin,
+            first.attitude_error - second.attitude_error,
+        ]
+    )
+
+
+def _inputs(
+    aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
+) -> tuple[rigid_body.Parameters, rigid_body.State, rigid_body.Inputs]:
+    """What `rigid_body` asks for; `when` is 0, 1, 2 for the step's beginning, middle, end."""
+    values = rigid_body.parameters(aircraft)._replace(aerodynamics=means.aerodynamics)
+    late = means.sensors.surface_delay
+    deflections = row.controls[when] + late * row.control_slopes[when]
+    position = jnp.stack([jnp.zeros_like(row.height), jnp.zeros_like(row.height), -row.height])
+    motion = rigid_body.State(position, state.velocity, state.attitude, state.rate)
+    acting = rigid_body.Inputs(
+        controls=dict(zip(aircraft.control_names, deflections, strict=True)),
+        settings=row.settings[when],
+        wind=state.air.wind + state.air.gust,
+        gust_rate=frames.unrotate(state.attitude, state.air.spin),
+        density=row.density,
+    )
+    return values, motion, acting
+
+
+def _slope(
+    aircraft: Aircraft,
+    means: Means,
+    turbulence: Turbulence,
+    state: State,
+    row: Row,
+    when: Int[Array, ""] | int,
+) -> State:
+    values, motion, acting = _inputs(aircraft, means, state, row, when)
+    change = rigid_body.derivative(aircraft, values, motion, acting)
+    slow = -state.attitude_error / ATTITUDE_ERROR_TIME
+    return State(
+        change.attitude, change.velocity, change.rate, air.drift(state.air, turbulence), slow
+    )
+
+
+def advance(
+    aircraft: Aircraft, means: Means, turbulence: Turbulence, state: State, row: Row
+) -> State:
+    """State at the end of a row's step, by the classical Runge–Kutta scheme."""
+
+    def moved(by: Float[Array, ""], slope: State) -> State:
+        return jax.tree.map(lambda value, change: value + by * change, state, slope)
+
+    def stage(
+        sofar: tuple[State, State], item: tuple[Float[Array, ""], Float[Array, ""], Int[Array, ""]]
+    ) -> tuple[tuple[State, State], None]:
+        last, mean = sofar
+        reach, weight, when = item
+        slope = _slope(aircraft, means, turbulence, moved(reach * row.step, last), row, when)
+        return (slope, jax.tree.map(lambda sum_, part: sum_ + weight * part, mean, slope)), None
+
+    # One stage in a loop: the equations are compiled once instead of four times.
+    still = jax.tree.map(jnp.zeros_like, state)
+    (_, mean), _ = jax.lax.scan(stage, (still, still), STAGES)
+    ahead = moved(row.step, mean)
+    length = jnp.sqrt(jnp.sum(ahead.attitude * ahead.attitude))
+    return ahead._replace(attitude=ahead.attitude / length)
+
+
+def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " row"]:
+    """Measured minus expected; rows of absent sensors are meaningless."""
+    errors = means.sensors
+    centre = np.array(aircraft.mass.cg)
+    values, motion, acting = _inputs(aircraft, means, state, row, 2)
+    change = rigid_body.derivative(aircraft, values, motion, acting)
+    gravity = jnp.array([0.0, 0.0, GRAVITY])
+    force = frames.unrotate(state.attitude, change.velocity - gravity)
+    unit = jnp.asarray(np.array(aircraft.imu.position) - centre)
+    turning = frames.cross(state.rate, frames.cross(state.rate, unit))
+    felt = force + frames.cross(change.rate, unit) + turning
+
+    def shifted(group: int, delay: Float[Array, ""]) -> State:
+        by = row.measured.age[group] - delay
+        return state._replace(
+            attitude=frames.multiply(state.attitude, frames.exponential(by * state.rate)),
+            velocity=state.velocity + by * change.velocity,
+        )
+
+    def flow(at: State, lever: Float[np.ndarray, " axis"]) -> tuple[Array, Array, Array]:
+        through = frames.unrotate(at.attitude, at.velocity - at.air.wind - at.air.gust)
+        return frames.flow_angles(through + frames.cross(at.rate, jnp.asarray(lever)))
+
+    speed, _, _ = flow(
+        shifted(0, errors.airspeed_delay), np.array(aircraft.pitot.position) - centre
+    )
+    tracked = shifted(1, errors.velocity_delay)
+    antenna = frames.rotate(tracked.attitude, frames.cross(state.rate, unit))
+    turned = shifted(2, errors.attitude_delay).attitude
+    expected = frames.multiply(frames.exponential(state.attitude_error), turned)
+    vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
+    _, alpha, beta = flow(shifted(3, errors.vane_delay), np.array(vanes) - centre)
+    return jnp.concatenate(
+        [
+            row.gyro - state.rate - errors.gyro_bias,
+            row.accelerometer - felt - errors.accelerometer_bias,
+            row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
+            row.measured.velocity - tracked.velocity - antenna,
+            frames.logarithm(frames.multiply(frames.conjugate(expected), row.measured.attitude)),
+            row.measured.vanes
+            - jnp.stack([alpha, beta]) * (1.0 + errors.vane_scale)
+            - errors.vane_bias,
+        ]
+    )
+
+
+def present_rows(row: Row) -> Bool[Array, " row"]:
+    """Which rows of the innovation were measured."""
+    airspeed, velocity, attitude, vanes = row.measured.valid
+    return jnp.concatenate(
+        [
+            jnp.repeat(flag[None], count, total_repeat_length=count)
+            for flag, count in (
+                (row.inertial, 6),
+                (airspeed, 1),
+                (velocity, 3),
+                (attitude, 3),
+                (vanes, 2),
+            )
+        ]
+    )
+
+
+def measurement_variance(noise: Noise) -> Float[Array, " row"]:
+    """White noise variance of each row of the innovation."""
+    level, down = noise.velocity
+    tilt, heading = noise.attitude
+    deviation = jnp.stack(
+        [noise.gyro] * 3
+        + [noise.accelerometer] * 3
+        + [noise.airspeed, level, level, down, tilt, tilt, heading]
+        + [noise.vanes] * 2
+    )
+    return deviation**2
+
+
+def process_factor(
+    transition: Float[Array, "state state"], noise: Noise
+) -> Float[Array, "state state"]:
+    """Φ(dt/2) Γ, by which a step's noise reaches its end.
+
+    White noise spread over a step is treated as acting in its middle, with Φ(dt/2) ≈ (I + Φ)/2;
+    Γ lets changes of the gust turn the air as well.
+    """
+    shape = (
+        jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(air.coupling_matrix(noise.turbulence))
+    )
+    return 0.5 * (jnp.eye(SIZE) + transition) @ shape
+
+
+def process_variance(step: Float[Array, ""], noise: Noise) -> Float[Array, " state"]:
+    """Variance that enters during a step, before `process_factor`."""
+    tilt, heading = noise.attitude_error
+    slow = 1.0 - jnp.exp(-2.0 * step / ATTITUDE_ERROR_TIME)
+    return jnp.concatenate(
+        [
+            jnp.zeros(3),
+            jnp.full(3, 1.0) * noise.force**2 * step,
+            noise.moment**2 * step,
+            air.variance(noise.turbulence, step),
+            jnp.stack([tilt, tilt, heading]) ** 2 * slow,
+        ]
+    )
+
+
+def linearise(
+    aircraft: Aircraft, means: Means, noise: Noise, before: State, after: State, row: Row
+) -> Linearised:
+    """One row about a nominal flight.
+
+    Args:
+        aircraft: what is looked up; its aerodynamic terms are those of `means`.
+        means: derivatives and sensor errors.
+        noise: intensities.
+        before: nominal state at the step's beginning.
+        after: nominal state at its end.
+        row: the sample.
+    """
+    zero = jnp.zeros(SIZE)
+
+    def ahead(error: Float[Array, " state"]) -> tuple[Array, Array]:
+        start = compose(before, error)
+        moved = difference(advance(aircraft, means, noise.turbulence, start, row), after)
+        return moved, moved
+
+    def seen(error: Float[Array, " state"]) -> tuple[Array, Array]:
+        left = innovation(aircraft, means, compose(after, error), row)
+        return left, left
+
+    transition, offset = jax.jacfwd(ahead, has_aux=True)(zero)
+    sensitivity, residual = jax.jacfwd(seen, has_aux=True)(zero)
+    present = present_rows(row)
+    factor = process_factor(transition, noise)
+    return Linearised(
+        transition=transition,
+        offset=offset,
+        process=(factor * process_variance(row.step, noise)[None, :]) @ factor.T,
+        sensitivity=jnp.where(present[:, None], -sensitivity, 0.0),
+        residual=jnp.where(present, residual, 0.0),
+        variance=jnp.where(present, measurement_variance(noise), 1.0),
+        present=present,
+    )

@@ -1,0 +1,101 @@
+"""The air that an aircraft flies through: steady wind, gusts, and the gusts' own rotation.
+
+Gusts are first-order Gauss–Markov processes of translation g and rotation s in level axes (north,
+east, down), each kept at its own intensity σ with correlation time T. The field that carries a gust
+past the aircraft also turns it: MIL-F-8785C (1980, section 3.7.2) makes pitching and yawing gusts
+high-passed copies of the vertical and lateral ones, so s is driven by the changes of g as well,
+
+    dg = −g/T_g dt + σ_g √(2/T_g) dW        ds = −s/T_s dt + C dg + σ_s √(2/T_s) dW′
+
+with C [rad/m] unknown but no larger than about π/4 over the span. The aerodynamics feel the
+velocity less wind and gust, and the rate less s. The steady wind drifts as a random walk.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from gcs_sysid.frames import Array
+
+WIND_DRIFT = 0.02
+"""Random walk of the steady wind [m/s/√s]: half a metre a second in ten minutes."""
+
+
+class Air(NamedTuple):
+    """The air at the aircraft, level axes: north, east, down.
+
+    Attributes:
+        wind: steady wind, blowing toward [m/s].
+        gust: translation of the gust [m/s].
+        spin: its rotation [rad/s].
+    """
+
+    wind: Float[Array, " axis"]
+    gust: Float[Array, " axis"]
+    spin: Float[Array, " axis"]
+
+
+class Turbulence(NamedTuple):
+    """How strong the gusts are and how long they last; horizontal axes alike.
+
+    Attributes:
+        gust: standard deviation, horizontal and vertical [m/s].
+        gust_time: correlation time, likewise [s].
+        spin: standard deviation of the rotation that the gust does not explain, about horizontal
+            axes and about the vertical [rad/s].
+        spin_time: correlation time, likewise [s].
+        coupling: entries of C: vertical gust into rotation about north and about east, gust toward
+            north and toward east into rotation about down [rad/m].
+    """
+
+    gust: Float[Array, " two"]
+    gust_time: Float[Array, " two"]
+    spin: Float[Array, " two"]
+    spin_time: Float[Array, " two"]
+    coupling: Float[Array, " four"]
+
+
+def drift(air: Air, turbulence: Turbulence) -> Air:
+    """Mean rate of change of the air, in the fields of an `Air`."""
+    gust = -air.gust / _axes(turbulence.gust_time)
+    spin = -air.spin / _axes(turbulence.spin_time) + coupling_matrix(turbulence) @ gust
+    return Air(jnp.zeros(3), gust, spin)
+
+
+def variance(turbulence: Turbulence, step: Float[Array, ""]) -> Float[Array, " nine"]:
+    """Variance that a step adds to wind, gust and spin, before the coupling is applied.
+
+    Exact for the gust; σ² (1 − exp(−2 dt/T)).
+    """
+
+    def added(deviation: Float[Array, " two"], time: Float[Array, " two"]) -> Float[Array, " axis"]:
+        return _axes(deviation**2 * (1.0 - jnp.exp(-2.0 * step / time)))
+
+    return jnp.concatenate(
+        [
+            jnp.full(3, WIND_DRIFT**2) * step,
+            added(turbulence.gust, turbulence.gust_time),
+            added(turbulence.spin, turbulence.spin_time),
+        ]
+    )
+
+
+def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:
+    """C: rotation that a change of the gust brings along [rad/m]."""
+    north, east, from_north, from_east = turbulence.coupling
+    zero = jnp.zeros_like(north)
+    return jnp.stack(
+        [
+            jnp.stack([zero, zero, north]),
+            jnp.stack([zero, zero, east]),
+            jnp.stack([from_north, from_east, zero]),
+        ]
+    )
+
+
+def _axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:
+    """Horizontal, horizontal, vertical."""
+    return jnp.stack([pair[0], pair[0], pair[1]])

@@ -1,0 +1,291 @@
+"""From a reconstructed flight to what the aided filter reads, and first values of its unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
+from gcs_sysid.estimate.filter_error import Flight, Unknowns
+from gcs_sysid.model import actuators
+from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
+from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.kinematics import Measurements
+from gcs_sysid.offline.flight import SERVO_STREAM, control_channels, pulses, setting
+from gcs_sysid.reconstruct.linear_filter import Belief
+from gcs_sysid.reconstruct.measurements import FlightData
+from gcs_sysid.reconstruct.reconstruction import Reconstruction
+from gcs_sysid.recording import Recording
+
+HOLE = 1.5
+"""A step longer than this many usual ones is a hole, and is filled with rows without data."""
+SLOPE_STEP = 2e-3
+"""Shift [s] of the surfaces from which their change with delay is taken."""
+GUST_TIME = 5.0
+SPIN = 0.06
+"""First guess of the gust's own rotation [rad/s]."""
+SPIN_TIME = (0.2, 0.12)
+UNMODELLED = 0.05
+"""First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
+START_DEVIATION = np.array(
+    [0.03] * 3 + [1.0] * 3 + [0.1] * 3 + [2.0, 2.0, 0.5] + [1.0] * 3 + [0.06] * 3 + [0.01] * 3
+)
+"""Of the first state, in the order of `aided.BLOCKS`."""
+
+
+def prepare(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Flight:
+    """Rows of the aided filter on the inertial unit's clock, holes filled."""
+    kept, time = _without_holes(states.time)
+    data = states.data
+    before = np.concatenate([time[:1], time[:-1]])
+    moments = np.stack([before, 0.5 * (before + time), time], axis=1)
+    controls, slopes = _controls(recording, aircraft, moments)
+    rows = Row(
+        step=np.diff(time, prepend=time[:1]),
+        controls=controls,
+        control_slopes=slopes,
+        settings=_settings(recording, aircraft, moments),
+        density=np.interp(time, states.time, data.density),
+        height=np.interp(time, states.time, data.height),
+        gyro=_spread(data.gyro, kept, time.size),
+        accelerometer=_spread(data.accelerometer, kept, time.size),
+        inertial=_flags(kept, time.size),
+        measured=_measured(data, kept, time.size),
+    )
+    return Flight(rows, _nominal(states, time), _start())
+
+
+def kept_rows(states: Reconstruction) -> np.ndarray:
+    """Rows of `prepare` that are samples of the flight, in their order."""
+    return _without_holes(states.time)[0]
+
+
+def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
+    """The aircraft with these aerodynamic terms; tables of its file stay."""
+    models = {
+        name: CoefficientModel(
+            {key: Value(value, 0.0) for key, value in values.items()},
+            aircraft.aerodynamics[name].tables if name in aircraft.aerodynamics else (),
+        )
+        for name, values in terms.items()
+    }
+    return replace(aircraft, aerodynamics=models)
+
+
+def first_unknowns(
+    flight: Flight, states: Reconstruction, terms: Mapping[str, Mapping[str, float]]
+) -> Unknowns:
+    """Where the search begins.
+
+    White noise is taken from third differences; gusts from the kinematic reconstruction, of which
+    the pitot tube saw the horizontal ones.
+    """
+    aerodynamics = {
+        name: {key: jnp.asarray(float(value)) for key, value in values.items()}
+        for name, values in terms.items()
+    }
+    bias = np.median(states.block("gyro_bias"), axis=0)
+    force = np.median(states.block("accelerometer_bias"), axis=0)
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    sensors = Sensors(
+        jnp.asarray(bias), jnp.asarray(force), zero, pair, pair, zero, zero, zero, zero, zero
+    )
+    return Unknowns(Means(aerodynamics, sensors), _first_noise(flight.rows, states))
+
+
+def _first_noise(rows: Row, states: Reconstruction) -> Noise:
+    seen = rows.measured.valid
+    level = float(states.noise.gust[0])
+    turbulence = Turbulence(
+        gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
+        gust_time=jnp.log(jnp.array([GUST_TIME, GUST_TIME])),
+        spin=jnp.log(jnp.array([SPIN, SPIN])),
+        spin_time=jnp.log(jnp.array(SPIN_TIME)),
+        coupling=jnp.zeros(4),
+    )
+    attitude = np.unwrap(
+        frames.euler_from_quaternion(np.asarray(rows.measured.attitude)[seen[:, 2]]), axis=0
+    )
+    velocity = np.asarray(rows.measured.velocity)[seen[:, 1]]
+    vanes = np.asarray(rows.measured.vanes)[seen[:, 3]]
+
+    def log(value: float, least: float) -> jax.Array:
+        return jnp.log(jnp.asarray(max(value, least)))
+
+    tilt = log(_white(attitude), 1e-4)
+    return Noise(
+        turbulence=turbulence,
+        force=log(UNMODELLED, 0.0),
+        moment=jnp.log(jnp.full(3, UNMODELLED)),
+        attitude_error=jnp.log(jnp.array([0.006, 0.008])),
+        gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
+        accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
+        airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
+        velocity=jnp.stack(
+            [log(_white(velocity[:, :2]), 0.02), log(_white(velocity[:, 2:]), 0.02)]
+        ),
+        attitude=jnp.stack([tilt, tilt]),
+        vanes=log(_white(vanes) if len(vanes) > 3 else 0.01, 1e-3),
+    )
+
+
+def _white(signal: Float[np.ndarray, "sample axis"]) -> float:
+    """White noise of the quietest axis: third differences, to which motion adds little."""
+    size = np.median(np.abs(np.diff(signal, n=3, axis=0)), axis=0)
+    return float(np.min(size) / (0.6745 * np.sqrt(20.0)))
+
+
+def beliefs(
+    first: Unknowns, aircraft: Aircraft, *, vanes: bool, known: Mapping[str, Mapping[str, float]]
+) -> tuple[Unknowns, Unknowns]:
+    """Prior means and standard deviations.
+
+    Args:
+        first: where the search begins; intensities are believed within factors of it.
+        aircraft: what its file says of the sensors.
+        vanes: whether flow vanes were recorded.
+        known: standard deviation of each derivative; infinite for none.
+    """
+    zeros = jax.tree.map(jnp.zeros_like, first.means.sensors)
+    servo = aircraft.streams.get(SERVO_STREAM, StreamTiming())
+    flow = 1.0 if vanes else 0.0
+    sensors = Sensors(
+        gyro_bias=jnp.full(3, 0.01),
+        accelerometer_bias=jnp.full(3, 0.1),
+        airspeed_scale=jnp.asarray(aircraft.pitot.error.scale_sigma or 0.03),
+        vane_bias=jnp.full(2, 0.035 * flow),
+        vane_scale=jnp.full(2, 0.1 * flow),
+        surface_delay=jnp.asarray(servo.sigma or 0.1),
+        airspeed_delay=jnp.asarray(0.1),
+        velocity_delay=jnp.asarray(0.1),
+        attitude_delay=jnp.asarray(0.05),
+        vane_delay=jnp.asarray(0.05 * flow),
+    )
+    wide = jax.tree.map(lambda value: jnp.full_like(value, 2.0), first.log_noise)
+    span = aircraft.geometry.wing_span
+    turbulence = wide.turbulence._replace(
+        gust_time=jnp.full(2, 0.7),
+        spin=jnp.full(2, 0.7),
+        spin_time=jnp.full(2, 0.4),
+        coupling=jnp.full(4, np.pi / 4.0 / span),
+    )
+    noise = wide._replace(
+        turbulence=turbulence,
+        attitude_error=jnp.full(2, 1.0),
+        vanes=jnp.asarray(2.0 * flow),
+    )
+    spread = {
+        name: {key: jnp.asarray(float(known[name][key])) for key in values}
+        for name, values in first.means.aerodynamics.items()
+    }
+    return (
+        Unknowns(Means(first.means.aerodynamics, zeros), first.log_noise),
+        Unknowns(Means(spread, sensors), noise),
+    )
+
+
+def _without_holes(
+    time: Float[np.ndarray, " sample"],
+) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:
+    """Rows of the samples among all rows, and the times of all rows."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    added = np.where(steps > HOLE * usual, np.rint(steps / usual).astype(int), 1)
+    row = np.concatenate([[0], np.cumsum(added)])
+    return row, np.interp(np.arange(row[-1] + 1), row, time)
+
+
+def _spread(
+    values: Float[np.ndarray, "sample axis"], kept: np.ndarray, count: int
+) -> Float[np.ndarray, "row axis"]:
+    """Values of the samples at their rows, zero at the others."""
+    out = np.zeros((count, *values.shape[1:]))
+    out[kept] = values
+    return out
+
+
+def _flags(kept: np.ndarray, count: int) -> Bool[np.ndarray, " row"]:
+    out = np.zeros(count, dtype=bool)
+    out[kept] = True
+    return out
+
+
+def _measured(data: FlightData, kept: np.ndarray, count: int) -> Measurements:
+    measured = jax.tree.map(np.asarray, data.measured)
+    attitude = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
+    attitude[kept] = measured.attitude
+    valid = np.zeros((count, measured.valid.shape[1]), dtype=bool)
+    valid[kept] = measured.valid
+    return Measurements(
+        airspeed=_spread(measured.airspeed, kept, count),
+        velocity=_spread(measured.velocity, kept, count),
+        attitude=attitude,
+        vanes=_spread(measured.vanes, kept, count),
+        valid=valid,
+        age=_spread(measured.age, kept, count),
+    )
+
+
+def _controls(
+    recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row three"]
+) -> tuple[Float[np.ndarray, "row three control"], Float[np.ndarray, "row three control"]]:
+    """Deflections, and their change per second of delay."""
+    time, sent = pulses(recording.streams[SERVO_STREAM], control_channels(aircraft))
+    stated = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+    at = moments.ravel()
+
+    def moved(late: float) -> Float[np.ndarray, "row three control"]:
+        found = actuators.controls(aircraft, sent, time, at=at, extra_delay=stated + late)
+        each = [np.broadcast_to(np.asarray(found[name]), at.shape) for name in found]
+        return np.stack(each, axis=-1).reshape(*moments.shape, len(each))
+
+    change = (moved(SLOPE_STEP) - moved(-SLOPE_STEP)) / (2.0 * SLOPE_STEP)
+    return moved(0.0), change
+
+
+def _settings(
+    recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row three"]
+) -> Float[np.ndarray, "row three engine"]:
+    each = [
+        setting(recording, engine, moments.ravel()).reshape(moments.shape)
+        for engine in aircraft.propulsion
+    ]
+    return np.stack(each, axis=-1) if each else np.zeros((*moments.shape, 0))
+
+
+def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
+    """The kinematic reconstruction as a first guess, moved to the centre of gravity."""
+
+    def at(values: Float[np.ndarray, "sample axis"]) -> Float[np.ndarray, "row axis"]:
+        return np.stack(
+            [np.interp(time, states.time, values[:, axis]) for axis in range(values.shape[1])],
+            axis=-1,
+        )
+
+    sign = np.cumprod(
+        np.where(np.sum(np.diff(states.smoothed.attitude, axis=0) ** 2, axis=1) > 2.0, -1.0, 1.0)
+    )
+    attitude = states.smoothed.attitude * np.concatenate([[1.0], sign])[:, None]
+    attitude = at(attitude)
+    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    rate = at(states.rate)
+    # `lever` points from the centre of gravity to the inertial unit.
+    swing = frames.rotate(attitude, np.cross(rate, states.lever))
+    return State(
+        attitude=attitude,
+        velocity=at(states.block("velocity")) - swing,
+        rate=rate,
+        air=Air(at(states.block("wind")), at(states.block("gust")), np.zeros_like(rate)),
+        attitude_error=np.zeros_like(rate),
+    )
+
+
+def _start() -> Belief:
+    deviation = jnp.asarray(START_DEVIATION)
+    return Belief(jnp.zeros(deviation.size), jnp.diag(deviation**2))

@@ -1,0 +1,237 @@
+"""The aerodynamics-aided smoother: states, air and their covariance from the whole flight model.
+
+A flight is linearised about a nominal one (all rows at once), filtered and smoothed as a linear
+system, and the smoothed flight becomes the next nominal: Gauss–Newton on the states (Bell, *The
+iterated Kalman smoother as a Gauss–Newton method*, 1994). Two or three rounds converge from a
+kinematic reconstruction. The likelihood and its gradient refer to the converged nominal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
+from gcs_sysid.reconstruct import linear_filter
+from gcs_sysid.reconstruct.linear_filter import Belief, Information
+
+CHUNK = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class FlightModel:
+    """An aircraft as the filter looks it up; compared by identity, compiled once each."""
+
+    aircraft: Aircraft
+
+
+class Chunk(NamedTuple):
+    """A stretch of a flight with its nominal states at both ends of every step."""
+
+    before: State
+    after: State
+    row: Row
+
+
+class Smoothed(NamedTuple):
+    """Deviation of the smoothed from the nominal flight, and how well the model foretold it.
+
+    Attributes:
+        belief: mean and covariance of the deviation at every row.
+        log_likelihood: of every row's innovation.
+        whitened: innovations over their standard deviation.
+    """
+
+    belief: Belief
+    log_likelihood: Float[np.ndarray, " sample"]
+    whitened: Float[np.ndarray, "sample row"]
+
+
+def positive(log_noise: Noise) -> Noise:
+    """Intensities from their logarithms; the coupling of the gusts, which has a sign, as it is."""
+    noise = jax.tree.map(jnp.exp, log_noise)
+    coupling = log_noise.turbulence.coupling
+    return noise._replace(turbulence=noise.turbulence._replace(coupling=coupling))
+
+
+@partial(jax.jit, static_argnums=0)
+def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk) -> Linearised:
+    """Every row of a chunk about its nominal flight."""
+    noise = positive(log_noise)
+
+    def one(part: Chunk) -> Linearised:
+        return aided.linearise(model.aircraft, means, noise, part.before, part.after, part.row)
+
+    return jax.vmap(one)(chunk)
+
+
+@partial(jax.jit, static_argnums=0)
+def _pulled_back(
+    model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk, slope: Linearised
+) -> tuple[Means, Noise]:
+    """Gradient with respect to the parameters from that with respect to the matrices."""
+
+    def matrices(values: Means, logs: Noise) -> Linearised:
+        rows = linearised(model, values, logs, chunk)
+        return rows._replace(present=rows.present.astype(rows.residual.dtype))
+
+    _, pull_back = jax.vjp(matrices, means, log_noise)
+    return pull_back(slope)
+
+
+@partial(jax.jit, static_argnums=0)
+def _sensitivities(
+    model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk
+) -> tuple[Float[Array, "sample state parameter"], Float[Array, "sample row parameter"]]:
+    """Change of each row's offset and residual with every parameter of the mean."""
+    flat, unravel = ravel_pytree(means)
+    turbulence = positive(log_noise).turbulence
+
+    def one(part: Chunk) -> tuple[Array, Array]:
+        def ahead(values: Float[Array, " parameter"]) -> Float[Array, " state"]:
+            moved = aided.advance(
+                model.aircraft, unravel(values), turbulence, part.before, part.row
+            )
+            return aided.difference(moved, part.after)
+
+        def seen(values: Float[Array, " parameter"]) -> Float[Array, " row"]:
+            return aided.innovation(model.aircraft, unravel(values), part.after, part.row)
+
+        return jax.jacfwd(ahead)(flat), jax.jacfwd(seen)(flat)
+
+    return jax.vmap(one)(chunk)
+
+
+@jax.jit
+def _composed(state: State, error: Float[Array, "sample state"]) -> State:
+    return jax.vmap(aided.compose)(state, error)
+
+
+def chunks(rows: Row, nominal: State) -> list[Chunk]:
+    """A flight in chunks of `CHUNK` rows, the last one padded with rows that change nothing.
+
+    Args:
+        rows: the flight, arrays of NumPy.
+        nominal: state at the end of each row's step.
+    """
+    count = rows.step.shape[0]
+    pieces = []
+    for first in range(0, count, CHUNK):
+        index = np.arange(first, first + CHUNK)
+        inside = index < count
+        index = np.minimum(index, count - 1)
+        earlier = np.where(inside, np.maximum(index - 1, 0), index)
+        take = partial(_taken, index)
+        row = jax.tree.map(take, rows)
+        row = row._replace(
+            step=jnp.where(inside, row.step, 0.0),
+            inertial=row.inertial & inside,
+            measured=row.measured._replace(valid=row.measured.valid & inside[:, None]),
+        )
+        before = jax.tree.map(partial(_taken, earlier), nominal)
+        pieces.append(Chunk(before, jax.tree.map(take, nominal), row))
+    return pieces
+
+
+def _taken(index: np.ndarray, values: Array) -> Array:
+    return jnp.asarray(np.asarray(values)[index])
+
+
+def log_likelihood(
+    model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
+) -> float:
+    """Log-likelihood of a flight about its nominal."""
+    total = 0.0
+    for chunk in flight:
+        start, part = linear_filter.likelihood(start, linearised(model, means, log_noise, chunk))
+        total += float(part)
+    return total
+
+
+def gradient(
+    model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
+) -> tuple[Means, Noise]:
+    """Gradient of the log-likelihood with respect to means and log intensities."""
+    starts = []
+    for chunk in flight:
+        starts.append(start)
+        start, _ = linear_filter.likelihood(start, linearised(model, means, log_noise, chunk))
+    later = jax.tree.map(jnp.zeros_like, start)
+    total: tuple[Means, Noise] | None = None
+    for chunk, begun in zip(reversed(flight), reversed(starts), strict=True):
+        rows = linearised(model, means, log_noise, chunk)
+        later, slope = linear_filter.adjoint(begun, rows, later)
+        part = _pulled_back(model, means, log_noise, chunk, slope)
+        total = part if total is None else jax.tree.map(jnp.add, total, part)
+    if total is None:
+        raise ValueError("a flight needs at least one chunk")
+    return total
+
+
+def information(
+    model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
+) -> Float[np.ndarray, "parameter parameter"]:
+    """Fisher information about the parameters of the mean, in the order of `ravel_pytree`."""
+    count = ravel_pytree(means)[0].size
+    sofar = Information(start, jnp.zeros((aided.SIZE, count)), jnp.zeros((count, count)))
+    for chunk in flight:
+        motion, seen = _sensitivities(model, means, log_noise, chunk)
+        rows = linearised(model, means, log_noise, chunk)
+        sofar = linear_filter.inform(sofar, rows, motion, seen)
+    return np.asarray(sofar.matrix)
+
+
+def smooth(
+    model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
+) -> Smoothed:
+    """Smooths a flight about its nominal; padding rows are kept."""
+    begun, innovations = [start], []
+    for chunk in flight:
+        end, done = linear_filter.run(begun[-1], linearised(model, means, log_noise, chunk))
+        begun.append(end)
+        innovations.append((np.asarray(done.log_likelihood), np.asarray(done.whitened)))
+    later, pieces = begun[-1], []
+    for chunk, first in zip(reversed(flight), reversed(begun[:-1]), strict=True):
+        rows = linearised(model, means, log_noise, chunk)
+        _, done = linear_filter.run(first, rows)
+        later, smoothed = linear_filter.smooth(later, first, rows, done)
+        pieces.append(jax.tree.map(np.asarray, smoothed))
+    pieces.reverse()
+    return Smoothed(
+        Belief(*(np.concatenate(part) for part in zip(*pieces, strict=True))),
+        *(np.concatenate(part) for part in zip(*innovations, strict=True)),
+    )
+
+
+def iterated(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    rows: Row,
+    nominal: State,
+    start: Belief,
+    *,
+    rounds: int,
+) -> tuple[State, Smoothed]:
+    """Smooths `rounds` times, each about the flight of the round before.
+
+    Returns:
+        The smoothed flight, one state a row, and the last round's deviations from its nominal.
+    """
+    count = rows.step.shape[0]
+    for _ in range(rounds):
+        done = smooth(model, means, log_noise, chunks(rows, nominal), start)
+        deviation = jnp.asarray(done.belief.mean[:count])
+        nominal = jax.tree.map(np.asarray, _composed(nominal, deviation))
+    return nominal, done

@@ -1,0 +1,219 @@
+"""Kalman filter, smoother and likelihood of a system that is linear about a nominal flight.
+
+The deviation e from the nominal obeys `Linearised`. Filter and smoother are the textbook ones
+(Särkkä, *Bayesian Filtering and Smoothing*, 2013, algorithms 4.2 and 8.2); the innovations' density
+is the likelihood of everything that the matrices depend on,
+
+    log L = Σ −½ (νᵀ S⁻¹ ν + log |S| + n log 2π)
+
+with the log-determinant: without it whatever makes the filter expect more gust explains every
+flight. Its gradient with respect to all matrices comes from one backward sweep, and the information
+about parameters of the mean from sensitivities carried through the filter at its own gains.
+
+Everything works on chunks of one fixed length, so that one compilation serves flights of any
+length and every aircraft.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from gcs_sysid.frames import Array
+from gcs_sysid.model.aided import Linearised
+
+JITTER = 1e-14
+"""Added to predicted variances before they are inverted: attitude gains none in its own right."""
+
+
+class Belief(NamedTuple):
+    """Mean and covariance of the deviation."""
+
+    mean: Float[Array, "*sample state"]
+    covariance: Float[Array, "*sample state state"]
+
+
+class Filtered(NamedTuple):
+    """One step of the filter.
+
+    Attributes:
+        predicted: before the row's measurements.
+        updated: after them.
+        log_likelihood: of the row's innovation.
+        whitened: innovation over the root of its covariance, row by row.
+        factor: Cholesky factor of the innovation's covariance.
+        gain: by which a whitened innovation corrects the mean, transposed.
+    """
+
+    predicted: Belief
+    updated: Belief
+    log_likelihood: Float[Array, "*sample"]
+    whitened: Float[Array, "*sample row"]
+    factor: Float[Array, "*sample row row"]
+    gain: Float[Array, "*sample row state"]
+
+
+class Information(NamedTuple):
+    """Sums of what a filter run says about parameters of the mean.
+
+    Attributes:
+        belief: of the filter so far.
+        sensitivity: of its mean to the parameters.
+        matrix: Σ (∂ν/∂θ)ᵀ S⁻¹ (∂ν/∂θ).
+    """
+
+    belief: Belief
+    sensitivity: Float[Array, "state parameter"]
+    matrix: Float[Array, "parameter parameter"]
+
+
+def step(belief: Belief, row: Linearised) -> Filtered:
+    """One prediction and update."""
+    mean = row.transition @ belief.mean + row.offset
+    covariance = row.transition @ belief.covariance @ row.transition.T + row.process
+    seen = row.sensitivity @ covariance
+    factor = jnp.linalg.cholesky(seen @ row.sensitivity.T + jnp.diag(row.variance))
+    gain = jax.scipy.linalg.solve_triangular(factor, seen, lower=True)
+    whitened = jax.scipy.linalg.solve_triangular(
+        factor, row.residual - row.sensitivity @ mean, lower=True
+    )
+    left = covariance - gain.T @ gain
+    density = -0.5 * (
+        whitened @ whitened
+        + 2.0 * jnp.sum(jnp.log(jnp.diagonal(factor)))
+        + jnp.sum(row.present).astype(mean.dtype) * jnp.log(2.0 * jnp.pi)
+    )
+    return Filtered(
+        Belief(mean, covariance),
+        Belief(mean + gain.T @ whitened, 0.5 * (left + left.T)),
+        density,
+        whitened,
+        factor,
+        gain,
+    )
+
+
+@jax.jit
+def run(start: Belief, rows: Linearised) -> tuple[Belief, Filtered]:
+    """The filter over a chunk: its end, and every step."""
+
+    def ahead(belief: Belief, row: Linearised) -> tuple[Belief, Filtered]:
+        done = step(belief, row)
+        return done.updated, done
+
+    return jax.lax.scan(ahead, start, rows)
+
+
+@jax.jit
+def likelihood(start: Belief, rows: Linearised) -> tuple[Belief, Float[Array, ""]]:
+    """The filter's end and the chunk's log-likelihood."""
+
+    def ahead(belief: Belief, row: Linearised) -> tuple[Belief, Float[Array, ""]]:
+        done = step(belief, row)
+        return done.updated, done.log_likelihood
+
+    end, each = jax.lax.scan(ahead, start, rows)
+    return end, jnp.sum(each)
+
+
+@jax.jit
+def adjoint(start: Belief, rows: Linearised, later: Belief) -> tuple[Belief, Linearised]:
+    """Gradient of the log-likelihood from this chunk on.
+
+    Args:
+        start: belief at the chunk's beginning.
+        rows: the chunk.
+        later: gradient of what follows with respect to the belief at the chunk's end.
+
+    Returns:
+        Gradient with respect to `start`, and to every matrix of the chunk.
+    """
+    smooth_part = rows._replace(present=rows.present.astype(rows.residual.dtype))
+
+    def total(belief: Belief, matrices: Linearised) -> tuple[Belief, Float[Array, ""]]:
+        @jax.checkpoint
+        def ahead(now: Belief, row: Linearised) -> tuple[Belief, Float[Array, ""]]:
+            done = step(now, row)
+            return done.updated, done.log_likelihood
+
+        end, each = jax.lax.scan(ahead, belief, matrices)
+        return end, jnp.sum(each)
+
+    _, pull_back = jax.vjp(total, start, smooth_part)
+    return pull_back((later, jnp.ones(())))
+
+
+@jax.jit
+def smooth(later: Belief, start: Belief, rows: Linearised, done: Filtered) -> tuple[Belief, Belief]:
+    """Rauch–Tung–Striebel over a chunk.
+
+    Args:
+        later: smoothed belief at the chunk's end.
+        start: filtered belief at its beginning.
+        rows: the chunk.
+        done: the filter's steps.
+
+    Returns:
+        Smoothed belief at the chunk's beginning, and at each of its rows.
+    """
+    before = Belief(
+        jnp.concatenate([start.mean[None], done.updated.mean[:-1]]),
+        jnp.concatenate([start.covariance[None], done.updated.covariance[:-1]]),
+    )
+
+    def back(
+        ahead: Belief, item: tuple[Belief, Belief, Float[Array, "state state"]]
+    ) -> tuple[Belief, Belief]:
+        earlier, predicted, transition = item
+        spread = predicted.covariance + JITTER * jnp.eye(predicted.mean.size)
+        gain = jax.scipy.linalg.cho_solve(
+            jax.scipy.linalg.cho_factor(spread), transition @ earlier.covariance
+        ).T
+        mean = earlier.mean + gain @ (ahead.mean - predicted.mean)
+        covariance = earlier.covariance + gain @ (ahead.covariance - predicted.covariance) @ gain.T
+        return Belief(mean, 0.5 * (covariance + covariance.T)), ahead
+
+    return jax.lax.scan(back, later, (before, done.predicted, rows.transition), reverse=True)
+
+
+@jax.jit
+def inform(
+    sofar: Information,
+    rows: Linearised,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+) -> Information:
+    """Adds a chunk to the information about parameters of the mean.
+
+    The filter's gains are held: their own change with the parameters multiplies innovations, whose
+    mean is zero.
+
+    Args:
+        sofar: sums before the chunk.
+        rows: the chunk.
+        motion: change of the offset with the parameters.
+        seen: change of the residual with the parameters.
+    """
+    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
+
+    def ahead(
+        now: Information,
+        item: tuple[Linearised, Float[Array, "state parameter"], Float[Array, "row parameter"]],
+    ) -> tuple[Information, None]:
+        row, moved, changed = item
+        done = step(now.belief, row)
+        predicted = row.transition @ now.sensitivity + moved
+        whitened = jax.scipy.linalg.solve_triangular(
+            done.factor, changed - row.sensitivity @ predicted, lower=True
+        )
+        return Information(
+            done.updated,
+            predicted + done.gain.T @ whitened,
+            now.matrix + whitened.T @ whitened,
+        ), None
+
+    total, _ = jax.lax.scan(ahead, sofar, (rows, motion, seen))
+    return total

@@ -1,0 +1,207 @@
+"""The flight model of the aided filter: its algebra, its motion, and what its sensors feel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import (
+    Aircraft,
+    CoefficientModel,
+    Control,
+    Geometry,
+    Imu,
+    Mass,
+    Pitot,
+    Servo,
+    Value,
+)
+from gcs_sysid.atmosphere import GRAVITY
+from gcs_sysid.model import aided, rigid_body
+from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Noise, Row, Sensors, State
+from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.kinematics import Measurements
+
+STONE = Aircraft(
+    name="a stone with an elevator",
+    mass=Mass(11.0, 0.82, 1.13, 1.76, Ixz=0.12, cg=(0.03, 0.0, 0.01)),
+    geometry=Geometry(0.55, 2.9, 0.19),
+    imu=Imu(position=(0.13, 0.02, -0.05)),
+    pitot=Pitot(position=(0.5, -0.3, 0.0)),
+    servos=(Servo(2, "elevator", (1000.0, 2000.0), (-0.5, 0.5)),),
+    controls=(Control("elevator", {"elevator": 1.0}),),
+)
+TERMS = {
+    "CZ": {"1": -0.2, "alpha": -5.0},
+    "Cm": {"alpha": -1.5, "qhat": -20.0, "elevator": -1.0},
+    "Cl": {"phat": -0.4},
+}
+FLYING = replace(
+    STONE,
+    aerodynamics={
+        name: CoefficientModel({key: Value(value, 0.1) for key, value in terms.items()})
+        for name, terms in TERMS.items()
+    },
+)
+QUIET = Turbulence(*(jnp.ones(2),) * 4, coupling=jnp.array([0.1, -0.2, 0.15, 0.05]))
+
+
+def means(aircraft: Aircraft) -> Means:
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, zero, zero, zero, zero, zero)
+    return Means(rigid_body.parameters(aircraft).aerodynamics, sensors)
+
+
+def state() -> State:
+    return State(
+        attitude=frames.quaternion_from_euler(jnp.array([0.2, 0.1, -2.0])),
+        velocity=jnp.array([-9.0, -20.0, 1.0]),
+        rate=jnp.array([0.3, -0.2, 0.1]),
+        air=Air(
+            jnp.array([2.0, -1.0, 0.1]), jnp.array([0.5, 0.3, -0.8]), jnp.array([0.05, 0.02, 0.0])
+        ),
+        attitude_error=jnp.array([0.005, -0.003, 0.01]),
+    )
+
+
+def row(step: float) -> Row:
+    return Row(
+        step=jnp.asarray(step),
+        controls=jnp.full((3, 1), -0.03),
+        control_slopes=jnp.zeros((3, 1)),
+        settings=jnp.zeros((3, 0)),
+        density=jnp.asarray(1.2),
+        height=jnp.asarray(100.0),
+        gyro=jnp.zeros(3),
+        accelerometer=jnp.zeros(3),
+        inertial=jnp.asarray(True),
+        measured=Measurements(
+            airspeed=jnp.zeros(1),
+            velocity=jnp.zeros(3),
+            attitude=jnp.array([1.0, 0.0, 0.0, 0.0]),
+            vanes=jnp.zeros(2),
+            valid=jnp.array([True, True, True, False]),
+            age=jnp.zeros(4),
+        ),
+    )
+
+
+def test_difference_undoes_compose() -> None:
+    error = jnp.asarray(0.1 * np.random.default_rng(2).standard_normal(aided.SIZE))
+    moved = aided.compose(state(), error)
+    np.testing.assert_allclose(aided.difference(moved, state()), error, atol=1e-14)
+
+
+def test_without_gusts_the_motion_is_that_of_the_rigid_body() -> None:
+    """The two schemes differ by their fourth-order errors, which small steps make vanish."""
+    calm = state()._replace(air=Air(jnp.array([2.0, -1.0, 0.1]), jnp.zeros(3), jnp.zeros(3)))
+    ahead = aided.advance(FLYING, means(FLYING), QUIET, calm, row(0.004))
+    start = rigid_body.State(jnp.array([0.0, 0.0, -100.0]), calm.velocity, calm.attitude, calm.rate)
+    given = rigid_body.Inputs(
+        {"elevator": jnp.asarray(-0.03)},
+        jnp.zeros(0),
+        calm.air.wind,
+        jnp.zeros(3),
+        jnp.asarray(1.2),
+    )
+    wanted = rigid_body.advance(
+        FLYING, rigid_body.parameters(FLYING), start, given, given, jnp.asarray(0.004)
+    )
+    np.testing.assert_allclose(ahead.rate, wanted.rate, atol=1e-10)
+    np.testing.assert_allclose(ahead.velocity, wanted.velocity, atol=1e-10)
+    np.testing.assert_allclose(ahead.attitude, wanted.attitude, atol=1e-12)
+
+
+def test_the_scheme_is_of_fourth_order() -> None:
+    """Halving the step divides the error over a fixed time by sixteen."""
+
+    def after(steps: int) -> np.ndarray:
+        now = state()
+        for _ in range(steps):
+            now = aided.advance(FLYING, means(FLYING), QUIET, now, row(0.08 / steps))
+        return np.asarray(now.rate)
+
+    exact = after(64)
+    coarse, fine = (np.linalg.norm(after(steps) - exact) for steps in (2, 4))
+    assert np.log2(coarse / fine) == pytest.approx(4.0, abs=0.5)
+
+
+def test_a_spinning_stone_in_free_fall_feels_its_lever_only() -> None:
+    """No air forces: f = ω̇ × r + ω × (ω × r), and the gyro reads ω."""
+    errors = aided.innovation(STONE, means(STONE), state(), row(0.0))
+    rate = np.asarray(state().rate)
+    inertia = STONE.mass.inertia
+    turning = np.linalg.solve(inertia, -np.cross(rate, inertia @ rate))
+    lever = np.array(STONE.imu.position) - np.array(STONE.mass.cg)
+    felt = np.cross(turning, lever) + np.cross(rate, np.cross(rate, lever))
+    np.testing.assert_allclose(errors[ROWS["accelerometer"]], -felt, atol=1e-12)
+    np.testing.assert_allclose(errors[ROWS["gyro"]], -rate, atol=1e-15)
+
+
+def test_what_the_sensors_read_leaves_no_innovation() -> None:
+    now = state()
+    lever = np.array(STONE.pitot.position) - np.array(STONE.mass.cg)
+    through = frames.unrotate(now.attitude, now.velocity - now.air.wind - now.air.gust)
+    speed = np.linalg.norm(np.asarray(through) + np.cross(np.asarray(now.rate), lever))
+    unit = np.array(STONE.imu.position) - np.array(STONE.mass.cg)
+    swing = frames.rotate(now.attitude, jnp.asarray(np.cross(np.asarray(now.rate), unit)))
+    shown = frames.multiply(frames.exponential(now.attitude_error), now.attitude)
+    seen = row(0.0).measured._replace(
+        airspeed=jnp.asarray([1.03 * speed]), velocity=now.velocity + swing, attitude=shown
+    )
+    known = means(STONE)
+    known = known._replace(sensors=known.sensors._replace(airspeed_scale=jnp.asarray(0.03)))
+    left = aided.innovation(STONE, known, now, row(0.0)._replace(measured=seen))
+    for name in ("airspeed", "velocity", "attitude"):
+        np.testing.assert_allclose(left[ROWS[name]], 0.0, atol=1e-12)
+
+
+def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
+    """Free fall: velocity 0.1 s ago was less by 0.1 g downward."""
+    now = state()._replace(rate=jnp.zeros(3))
+    known = means(STONE)
+    late = known._replace(sensors=known.sensors._replace(velocity_delay=jnp.asarray(0.1)))
+    change = np.asarray(
+        aided.innovation(STONE, late, now, row(0.0)) - aided.innovation(STONE, known, now, row(0.0))
+    )
+    np.testing.assert_allclose(change[ROWS["velocity"]], [0.0, 0.0, 0.1 * GRAVITY], atol=1e-12)
+
+
+def test_linearised_matrices_are_differences_of_the_model() -> None:
+    before = state()
+    known, sample = means(FLYING), row(0.02)
+    noise = Noise(
+        QUIET,
+        *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01)),
+        *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
+        *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
+    )
+    after = aided.advance(FLYING, known, QUIET, before, sample)
+    found = jax.jit(lambda first, last: aided.linearise(FLYING, known, noise, first, last, sample))(
+        before, after
+    )
+    np.testing.assert_allclose(found.offset, 0.0, atol=1e-14)
+    assert not np.asarray(found.present)[ROWS["vanes"]].any()
+    np.testing.assert_array_equal(np.asarray(found.sensitivity)[ROWS["vanes"]], 0.0)
+    for block in ("attitude", "rate", "gust", "spin"):
+        column = BLOCKS[block].start + 1
+        error = jnp.zeros(aided.SIZE).at[column].set(1e-5)
+        ends = [
+            aided.difference(
+                aided.advance(FLYING, known, QUIET, aided.compose(before, sign * error), sample),
+                after,
+            )
+            for sign in (1.0, -1.0)
+        ]
+        # Central differences: second order in 1e-5 on curvatures of up to 1e3.
+        np.testing.assert_allclose(
+            found.transition[:, column], (ends[0] - ends[1]) / 2e-5, atol=1e-6
+        )
+    spread = np.asarray(found.process)
+    np.testing.assert_allclose(spread, spread.T, atol=1e-18)
+    assert np.linalg.eigvalsh(spread).min() > -1e-15

@@ -1,0 +1,50 @@
+"""Gusts keep their intensity, die out in their time, and turn the air as they pass."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from gcs_sysid.model import air
+from gcs_sysid.model.air import Air, Turbulence
+
+TURBULENCE = Turbulence(
+    gust=jnp.array([1.2, 1.7]),
+    gust_time=jnp.array([4.0, 6.0]),
+    spin=jnp.array([0.06, 0.05]),
+    spin_time=jnp.array([0.2, 0.1]),
+    coupling=jnp.array([0.1, 0.2, 0.3, -0.4]),
+)
+STEP = 0.02
+
+
+def test_a_gust_of_its_stated_size_keeps_it() -> None:
+    """Stationary: σ² exp(−2 dt/T) + added = σ²."""
+    added = np.asarray(air.variance(TURBULENCE, jnp.asarray(STEP)))
+    for part, deviation, time in (
+        (slice(3, 6), TURBULENCE.gust, TURBULENCE.gust_time),
+        (slice(6, 9), TURBULENCE.spin, TURBULENCE.spin_time),
+    ):
+        level, down = np.asarray(deviation)
+        size = np.array([level, level, down])
+        times = np.asarray(time)[[0, 0, 1]]
+        kept = size**2 * np.exp(-2.0 * STEP / times)
+        np.testing.assert_allclose(kept + added[part], size**2, rtol=1e-12)
+
+
+def test_the_wind_walks_with_the_root_of_time() -> None:
+    one = air.variance(TURBULENCE, jnp.asarray(1.0))[:3]
+    four = air.variance(TURBULENCE, jnp.asarray(4.0))[:3]
+    np.testing.assert_allclose(four, 4.0 * one)
+    np.testing.assert_allclose(one, air.WIND_DRIFT**2)
+
+
+def test_a_dying_gust_turns_the_air_by_the_coupling() -> None:
+    """Spin starts to change by C dg, and its own part decays with its own time."""
+    gust, spin = jnp.array([0.5, -0.4, 2.0]), jnp.array([0.1, 0.2, -0.3])
+    change = air.drift(Air(jnp.ones(3), gust, spin), TURBULENCE)
+    np.testing.assert_allclose(change.wind, 0.0)
+    dying = np.array([-0.5 / 4.0, 0.4 / 4.0, -2.0 / 6.0])
+    np.testing.assert_allclose(change.gust, dying)
+    coupled = np.array([0.1 * dying[2], 0.2 * dying[2], 0.3 * dying[0] - 0.4 * dying[1]])
+    np.testing.assert_allclose(change.spin, coupled - np.array([0.5, 1.0, -3.0]), rtol=1e-12)
