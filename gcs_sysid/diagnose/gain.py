@@ -16,7 +16,8 @@ class Score:
     """Prediction of coefficients.
 
     Attributes:
-        nlpd: negative log predictive density [nat a block and coefficient].
+        nlpd: negative log predictive density [nat a block and coefficient]; not a number where
+            nothing was held out.
         errors: 100·RMS(measured − predicted)/std(measured) of each coefficient.
     """
 
@@ -37,6 +38,8 @@ def score(
     The predictive deviation is that of the noise and of the file's own aerodynamic sigmas, the same
     whatever the correction.
     """
+    if data.left.shape[0] == 0:
+        return Score(float("nan"), np.array([np.nan]))
     left = data.left - data.columns @ wrong
     own = np.array([_aerodynamic(name) for name in columns.names])
     file = np.sum((data.columns[:, :, own] * columns.sigma[own]) ** 2, axis=2)
@@ -65,6 +68,9 @@ def airspeed_scores(
     """
     seen = np.isfinite(indicated)
     ours, theirs = fitted & seen, held_out & seen
+    if not ours.any() or not theirs.any():
+        nothing = Score(float("nan"), np.array([np.nan]))
+        return nothing, nothing
     ratio = float(indicated[ours] @ through_air[ours] / (through_air[ours] @ through_air[ours]))
     spread = float(np.std(indicated[theirs]))
 

@@ -22,10 +22,13 @@ from gcs_sysid.diagnose.whitening import Blocks, Noise
 from gcs_sysid.reconstruct import rates
 
 GUSTY = 0.03
-"""Gust over airspeed beyond which, without flow vanes, coefficients accuse nobody: an angle of
-attack in error by degrees looks like a shifted centre of gravity and a weaker elevator (measured:
-flights in gusts of 4 to 5 % without any cause got Bayes factors of e⁸ to e¹⁹ against them). Only
-what the kinematics say is used then."""
+"""Gust over airspeed beyond which coefficients accuse nobody. Without vanes, an angle of attack in
+error by degrees looks like a shifted centre of gravity and a weaker elevator (measured: flights in
+gusts of 4 to 5 % without any cause got Bayes factors of e⁸ to e¹⁹ against them), and only what the
+kinematics say is used. With vanes even these are not: airspeed, gust and vanes partly explain each
+other there (a flight in gusts of 5 % without any cause: airspeed 7 % off at seven standard
+deviations)."""
+STRAIN = 3.0
 INCREDIBLE = 0.3
 """A scale error of airspeed beyond this is a reconstruction that went astray."""
 
@@ -57,8 +60,12 @@ def trusted(flights: Sequence[Observed]) -> bool:
 
 
 def credible(flights: Sequence[Observed]) -> bool:
-    """Whether the reconstruction made sense at all."""
-    return all(abs(float(flight.motion.airspeed_scale)) < INCREDIBLE for flight in flights)
+    """Whether the reconstruction may accuse anybody at all."""
+    return all(
+        abs(float(flight.motion.airspeed_scale)) < INCREDIBLE
+        and not (flight.vanes and flight.gust > GUSTY)
+        for flight in flights
+    )
 
 
 def investigate(
@@ -119,7 +126,6 @@ def missing_term(
     problems: Sequence[Problem],
     used: Sequence[int],
     known: Investigation,
-    only: Term | None = None,
 ) -> Missing:
     """The term that the residuals ask for most, beyond the best set of causes.
 
@@ -129,7 +135,6 @@ def missing_term(
         problems: the same flights' residuals.
         used: maneuvers that take part.
         known: what the causes explain.
-        only: a term to look for alone.
     """
     products = unlisted.terms(aircraft.control_names)
     columns, left, _ = whitening.whitened(known.data, known.noise)
@@ -139,20 +144,15 @@ def missing_term(
         values = [_products(aircraft, flight, products, row) for flight in flights]
         names = tuple(str(index) for index in range(len(products)))
         extra = [
-            replace(problem, columns=Columns(names, np.ones(len(names)), value))
+            replace(problem, columns=Columns(names, np.ones(len(names)), value), offsets=())
             for problem, value in zip(problems, values, strict=True)
         ]
         stacked = joint.stacked(extra, joint.names(extra), used)
         size = np.maximum(stacked.columns[:, place].std(axis=0), 1e-12)
         sigma = unlisted.SIZE * stacked.measured[:, place].std() / size
         white, _, _ = whitening.whitened(stacked, known.noise)
-        every = [Term(COEFFICIENTS[row], product) for product in products]
-        picked = [index for index, term in enumerate(every) if only is None or term == only]
-        if picked:
-            terms = [every[index] for index in picked]
-            found.append(
-                unlisted.strongest(best, columns, left, white[:, picked], sigma[picked], terms)
-            )
+        terms = [Term(COEFFICIENTS[row], product) for product in products]
+        found.append(unlisted.strongest(best, columns, left, white, sigma, terms))
     return max(found, key=lambda item: item.log_bayes_factor)
 
 
@@ -171,3 +171,19 @@ def _products(
     values = np.zeros((found.shape[0], len(COEFFICIENTS), len(products)))
     values[:, row] = found
     return values
+
+
+def strained(known: Investigation, best: Ranked) -> dict[str, float]:
+    """Ordinary unknowns that had to go beyond `STRAIN` of their sigmas, the farthest first.
+
+    A file whose values had to be bent that far is not free of error, whatever the causes say.
+    """
+    sigma = np.where(known.columns.sigma > 0.0, known.columns.sigma, np.inf)
+    freed = {name for candidate in best.causes for name in candidate.frees}
+    bent = best.posterior.mean / sigma
+    listed = {
+        name: float(value)
+        for name, value in zip(known.columns.names, bent, strict=True)
+        if abs(value) > STRAIN and name not in freed
+    }
+    return dict(sorted(listed.items(), key=lambda item: -abs(item[1])))

@@ -17,7 +17,7 @@ def names(problems: Sequence[Problem]) -> Columns:
     """Unknowns of all flights, each once, without signatures."""
     sigma: dict[str, float] = {}
     for problem in problems:
-        sigma |= dict(zip(problem.columns.names, problem.columns.sigma.tolist(), strict=True))
+        sigma |= dict(zip(problem.names, problem.sigma.tolist(), strict=True))
     return Columns(tuple(sigma), np.array(list(sigma.values())), np.zeros((0, 6, len(sigma))))
 
 
@@ -27,7 +27,7 @@ def stacked(problems: Sequence[Problem], every: Columns, used: Sequence[int]) ->
     for problem in problems:
         part = blocks(problem, np.asarray(used, dtype=int), first_run=run)
         run = int(part.run.max()) + 1 if part.run.size else run
-        place = [every.names.index(name) for name in problem.columns.names]
+        place = [every.names.index(name) for name in problem.names]
         wide = np.zeros((*part.left.shape, len(every.names)))
         wide[:, :, place] = part.columns
         parts.append(replace(part, columns=wide))

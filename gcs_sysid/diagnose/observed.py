@@ -27,7 +27,8 @@ class Observed:
         airspeed_sigma: one standard deviation of that; infinite where they say nothing.
         indicated: true airspeed as indicated, at every sample [m/s]; not a number between messages.
         through_air: airspeed that velocity over ground and the steady wind make [m/s].
-        gust: standard deviation of the gust over airspeed, where no vane saw it; 0 with vanes.
+        gust: standard deviation of the gust over airspeed.
+        vanes: whether flow vanes were recorded.
     """
 
     motion: Motion
@@ -42,3 +43,4 @@ class Observed:
     indicated: Float[np.ndarray, " sample"]
     through_air: Float[np.ndarray, " sample"]
     gust: float
+    vanes: bool

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.diagnose import motion, unknowns
 from gcs_sysid.diagnose.observed import Observed
-from gcs_sysid.diagnose.unknowns import Columns
+from gcs_sysid.diagnose.unknowns import Columns, Offset
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class Problem:
         left: measured less predicted by the file.
         usable: coefficients that the flight can give and the file has.
         columns: the unknowns.
+        offsets: more unknowns, each one of the others within one maneuver.
         airspeed: what the kinematics alone say of the airspeed's scale error.
         airspeed_sigma: one standard deviation of that.
     """
@@ -35,8 +36,19 @@ class Problem:
     left: Float[np.ndarray, "sample six"]
     usable: tuple[int, ...]
     columns: Columns
+    offsets: tuple[Offset, ...]
     airspeed: float
     airspeed_sigma: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all unknowns, in the order of the columns of its blocks."""
+        return (*self.columns.names, *(offset.name for offset in self.offsets))
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " unknown"]:
+        """Ordinary standard deviation of all unknowns."""
+        return np.concatenate([self.columns.sigma, [offset.sigma for offset in self.offsets]])
 
 
 def build(aircraft: Aircraft, flight: Observed, *, number: int = 0) -> Problem:
@@ -52,7 +64,6 @@ def build(aircraft: Aircraft, flight: Observed, *, number: int = 0) -> Problem:
     parts = (
         direct,
         unknowns.bending(aircraft, flight, number),
-        unknowns.maneuver_offsets(flight, direct, number),
     )
     columns = Columns(
         names=tuple(name for part in parts for name in part.names),
@@ -78,6 +89,7 @@ def build(aircraft: Aircraft, flight: Observed, *, number: int = 0) -> Problem:
             if name in aircraft.aerodynamics and name not in flight.samples.refused
         ),
         columns=columns,
+        offsets=unknowns.maneuver_offsets(flight, number),
         airspeed=flight.airspeed,
         airspeed_sigma=flight.airspeed_sigma,
     )

@@ -67,7 +67,10 @@ def quantities(aircraft: Aircraft, flight: Observed, base: Wrong, number: int) -
 
         return jax.jvp(of, (dict(base),), (direction,))[1]
 
-    found = jax.jit(jax.vmap(along, in_axes=(0, None)))(directions, flight.motion)
+    # One direction after the other: all at once, a long flight would not fit into memory.
+    found = jax.jit(
+        lambda every, flown: jax.lax.map(lambda direction: along(direction, flown), every)
+    )(directions, flight.motion)
     values = smoothed(flight, np.moveaxis(np.asarray(found), 0, 2))
     own = ("alpha", "beta", "delay", "accelerometer")
     named = tuple(f"{name} #{number}" if name.split(".")[0] in own else name for name in names)
@@ -131,17 +134,28 @@ def bending(aircraft: Aircraft, flight: Observed, number: int) -> Columns:
     return Columns(tuple(names), np.ones(len(names)), smoothed(flight, _placed(columns, flight)))
 
 
-def maneuver_offsets(flight: Observed, found: Columns, number: int) -> Columns:
+@dataclass(frozen=True)
+class Offset:
+    """An unknown that is another one (`of`) within one maneuver (`piece`)."""
+
+    name: str
+    sigma: float
+    of: str
+    piece: int
+
+
+def maneuver_offsets(flight: Observed, number: int) -> tuple[Offset, ...]:
     """Offsets of the flow angles that differ from maneuver to maneuver."""
-    names, sigma, columns = [], [], []
-    for angle, spread in (("alpha", flight.alpha_sigma), ("beta", flight.beta_sigma)):
-        signature = found.values[:, :, found.names.index(f"{angle} #{number}")]
-        for piece in np.unique(flight.piece[flight.piece >= 0]):
-            inside = flight.piece == piece
-            names.append(f"{angle} #{number} maneuver {piece}")
-            sigma.append(float(np.sqrt(np.mean(spread[inside] ** 2))))
-            columns.append(np.where(inside[:, None], signature, 0.0))
-    return Columns(tuple(names), np.array(sigma), np.stack(columns, axis=2))
+    return tuple(
+        Offset(
+            name=f"{angle} #{number} maneuver {piece}",
+            sigma=float(np.sqrt(np.mean(spread[flight.piece == piece] ** 2))),
+            of=f"{angle} #{number}",
+            piece=int(piece),
+        )
+        for angle, spread in (("alpha", flight.alpha_sigma), ("beta", flight.beta_sigma))
+        for piece in np.unique(flight.piece[flight.piece >= 0])
+    )
 
 
 def _placed(

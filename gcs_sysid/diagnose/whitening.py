@@ -74,21 +74,33 @@ def blocks(problem: Problem, used: Int[np.ndarray, " maneuver"], *, first_run: i
     broken = np.diff(problem.time) > 1.5 * BLOCK
     starts = inside & ~(np.concatenate([[False], inside[:-1]]) & ~np.concatenate([[True], broken]))
     run = np.cumsum(starts) - 1
-    rows, runs = [], []
-    for number in range(int(starts.sum())):
+    usable = list(problem.usable)
+    parts: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("left", "measured", "columns", "run", "piece")
+    }
+    # A flight without any gets one run of no blocks.
+    for number in range(max(int(starts.sum()), 1)):
         own = np.flatnonzero(inside & (run == number))
         own = own[: own.size // size * size].reshape(-1, size)
-        rows.append(own)
-        runs.append(np.full(own.shape[0], first_run + number))
-    index = np.concatenate(rows) if rows else np.zeros((0, size), dtype=int)
-    usable = list(problem.usable)
-    return Blocks(
-        left=problem.left[index][:, :, usable].mean(axis=1),
-        measured=problem.measured[index][:, :, usable].mean(axis=1),
-        columns=problem.columns.values[index][:, :, usable].mean(axis=1),
-        run=np.concatenate(runs) if runs else np.zeros(0, dtype=int),
-        piece=problem.piece[index[:, 0]],
-    )
+        parts["left"].append(problem.left[own][:, :, usable].mean(axis=1))
+        parts["measured"].append(problem.measured[own][:, :, usable].mean(axis=1))
+        parts["columns"].append(_averaged(problem, own)[:, usable])
+        parts["run"].append(np.full(own.shape[0], first_run + number))
+        parts["piece"].append(problem.piece[own[:, 0]])
+    return Blocks(**{name: np.concatenate(part) for name, part in parts.items()})
+
+
+def _averaged(
+    problem: Problem, rows: Int[np.ndarray, "block sample"]
+) -> Float[np.ndarray, "block six unknown"]:
+    """Signatures of all unknowns, those of single maneuvers included."""
+    columns = problem.columns.values[rows].mean(axis=1)
+    piece = problem.piece[rows[:, 0]]
+    within = [
+        columns[:, :, problem.columns.names.index(offset.of)] * (piece == offset.piece)[:, None]
+        for offset in problem.offsets
+    ]
+    return np.concatenate([columns, *(column[:, :, None] for column in within)], axis=2)
 
 
 def learn(data: Blocks, sigma: Float[np.ndarray, " unknown"]) -> Noise:

@@ -37,6 +37,8 @@ from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
 from gcs_sysid.reconstruct.segments import split
 
+SHORTEST = 15.0
+"""Less flight [s] than this is not diagnosed."""
 LISTED = 12
 """Sets of causes that the document lists."""
 
@@ -142,6 +144,15 @@ def _diagnosed(
     absent = {name for one in flights for name in one.absent}
     aircraft = flight.without_controls(under.aircraft, absent)
     fit, judged = _parts(flights, aircraft, apart=apart)
+    seconds = sum(
+        item.duration for one in flights for item in one.segments if item.id in fit.maneuvers
+    )
+    if seconds < SHORTEST:
+        raise RefusedError(
+            flights[0].recording.source,
+            f"only {seconds:.0f} s of maneuvers take part, too little to know the noise from",
+            fix=f"give {SHORTEST:.0f} s or more, or several logs",
+        )
     every = candidates(CAUSES, aircraft.control_names)
     credible = investigation.credible(fit.seen)
     trusted = credible and investigation.trusted(fit.seen)
@@ -163,6 +174,9 @@ def _diagnosed(
     useless = answer.answer == "effect" and trusted and after.nlpd >= before.nlpd
     if not credible or useless:
         answer = replace(answer, answer="insufficient_data", indistinguishable=())
+    strained = investigation.strained(final, answer.best) if trusted else {}
+    if strained and answer.answer == "no_effect":
+        answer = replace(answer, answer="insufficient_data")
     missing = None
     if trusted and answer.answer in ("no_effect", "insufficient_data"):
         missing = _missing(aircraft, fit, judged, fitted, every)
@@ -186,11 +200,19 @@ def _diagnosed(
             "holdout_error_after": after.error,
         },
         "detectable": _detectable(final, every),
+        "strained": strained,
         "used": "coefficients and kinematics" if trusted else "kinematics",
         "maneuvers": summary.maneuvers(flights, judged.maneuvers),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
-        "warnings": _warnings(flights, credible=credible, trusted=trusted),
+        "warnings": [
+            *_warnings(flights, credible=credible, trusted=trusted),
+            *(
+                f"{name} had to go {abs(bent):.1f} of its sigmas from the file: it is wrong, or "
+                "something that no cause here stands for is"
+                for name, bent in strained.items()
+            ),
+        ],
     }
     built = (*fit.problems, *judged.problems) if apart else fit.problems
     table = _table(flights, built, corrections)
@@ -232,9 +254,9 @@ def _missing(
         judged.problems, every, judged.maneuvers, coefficients=True, noise=fitted.noise
     )
     asked = investigation.missing_term(
-        aircraft, judged.seen, judged.problems, judged.maneuvers, again, only=found.term
+        aircraft, judged.seen, judged.problems, judged.maneuvers, again
     )
-    return found if asked.log_bayes_factor > 0.0 else None
+    return found if asked.term == found.term and asked.log_bayes_factor > 0.0 else None
 
 
 def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
@@ -356,8 +378,8 @@ def _warnings(flights: Sequence[Flight], *, credible: bool, trusted: bool) -> li
     listed = [text for one in flights for text in (*one.warnings, *advice.flight_warnings(one))]
     if not credible:
         listed.append(
-            "airspeed and speed over ground cannot be reconciled: the reconstruction went astray, "
-            "and nothing built on it accuses anybody"
+            "airspeed, vanes and speed over ground cannot be reconciled, or gusts are too strong "
+            "for it: nothing built on this reconstruction accuses anybody. Fly in calm air"
         )
     elif not trusted:
         listed.append(

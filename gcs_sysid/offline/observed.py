@@ -74,7 +74,8 @@ def observed(flight: Flight, aircraft: Aircraft) -> Observed:
             np.nan,
         ),
         through_air=np.linalg.norm(states.block("velocity") - states.block("wind"), axis=1),
-        gust=0.0 if "vanes" in data.used else gust,
+        gust=gust,
+        vanes="vanes" in data.used,
     )
 
 

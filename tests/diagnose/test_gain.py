@@ -39,3 +39,14 @@ def test_a_scaled_airspeed_is_predicted_from_other_samples() -> None:
     assert after.error == pytest.approx(100.0 * 0.2 / 2.7, rel=0.1)
     assert after.nlpd == pytest.approx(0.5 + np.log(0.2 * np.sqrt(2.0 * np.pi)), abs=0.05)
     assert after.nlpd < before.nlpd
+
+
+def test_where_nothing_was_held_out_nothing_is_scored() -> None:
+    blocks = Blocks(
+        np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1, 2)), np.zeros(0, int), np.zeros(0, int)
+    )
+    noise = Noise(np.zeros((4, 1)), np.eye(1), {}, 1.0, np.array([0.3]))
+    assert np.isnan(gain.score(blocks, noise, COLUMNS, np.zeros(2)).nlpd)
+    none = np.zeros(5, dtype=bool)
+    for score in gain.airspeed_scores(np.ones(5), np.ones(5), ~none, none):
+        assert np.isnan(score.error)
