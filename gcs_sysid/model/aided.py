@@ -306,7 +306,6 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         shifted(0, errors.airspeed_delay), np.array(aircraft.pitot.position) - centre
     )
     tracked = shifted(1, errors.velocity_delay)
-    antenna = frames.rotate(tracked.attitude, frames.cross(state.rate, unit))
     turned = shifted(2, errors.attitude_delay).attitude
     expected = frames.multiply(frames.exponential(state.attitude_error), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
@@ -316,7 +315,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
             row.gyro - state.rate - errors.gyro_bias,
             row.accelerometer - felt - errors.accelerometer_bias,
             row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
-            row.measured.velocity - tracked.velocity - antenna,
+            row.measured.velocity - tracked.velocity,
             frames.logarithm(frames.multiply(frames.conjugate(expected), row.measured.attitude)),
             row.measured.vanes
             - jnp.stack([alpha, beta]) * (1.0 + errors.vane_scale)

@@ -125,7 +125,8 @@ def linearised(
         "vane_bias": jnp.eye(2),
         "vane_scale": jnp.diag(_without_gust(vanes, rate, levers.vanes)[1:]),
     }
-    rows = [_row(airspeed), _row(gps.velocity), _row(attitude), _row(angles)]
+    velocity = _of_ground_velocity(gps, rate, levers.velocity)
+    rows = [_row(airspeed), _row(velocity), _row(attitude), _row(angles)]
     return residual, jnp.concatenate(rows)
 
 
@@ -191,6 +192,18 @@ def _of_force(force: Float[Array, " axis"], state: State) -> Sensitivity:
         "accelerometer_bias": -jnp.diag(share),
         "accelerometer_scale": -jnp.diag(share * force),
     }
+
+
+def _of_ground_velocity(
+    moved: _Moved, rate: Float[Array, " axis"], lever: Float[Array, " axis"]
+) -> dict[str, Array]:
+    """Derivative of the velocity over ground of a point `lever` away."""
+    attitude = matrix(moved.state.attitude)
+    return _sum(
+        moved.velocity,
+        _times(-attitude @ skew(frames.cross(rate, lever)), moved.turn),
+        _times(-attitude @ skew(lever), moved.rate),
+    )
 
 
 def _of_flow(

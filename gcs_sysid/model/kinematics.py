@@ -9,7 +9,9 @@ of the inertial unit, ω and f the corrected rate and specific force:
 
 w is the steady wind, d the gust, u the air-relative velocity at the inertial unit. Carrying the
 velocity of the *inertial unit* rather than of the centre of gravity makes the lever arm exact
-without an angular acceleration: a point r away moves with u + ω × r.
+without an angular acceleration: a point r away moves with u + ω × r. Over ground it moves with
+v + R(q)(ω × r): navigation filters report the velocity of such a point, the aircraft's own, having
+taken off where their sensors sit.
 
 The error state is additive but for the attitude, whose error δθ turns the body axes: q ⊗ exp(δθ).
 
@@ -78,10 +80,17 @@ class Imu(NamedTuple):
 
 
 class Levers(NamedTuple):
-    """Positions relative to the inertial unit [m]: pitot tube and flow vanes."""
+    """Positions relative to the inertial unit [m].
+
+    Attributes:
+        pitot: of the pitot tube.
+        vanes: of the flow vanes.
+        velocity: of the point whose velocity over ground is measured.
+    """
 
     pitot: Float[Array, " axis"]
     vanes: Float[Array, " axis"]
+    velocity: Float[Array, " axis"]
 
 
 class Noise(NamedTuple):
@@ -216,6 +225,14 @@ def air_velocity(
     return frames.unrotate(state.attitude, through_air) + frames.cross(rate, lever)
 
 
+def ground_velocity(
+    state: State, rate: Float[Array, " axis"], lever: Float[Array, " axis"]
+) -> Float[Array, " axis"]:
+    """Velocity over ground, NED, of a point `lever` away from the inertial unit."""
+    swing = frames.rotate(state.attitude, frames.cross(rate, lever))
+    return part(state.rest, "velocity") + swing
+
+
 def shifted(state: State, imu: Imu, shift: Float[Array, ""]) -> State:
     """State `shift` seconds away, to first order in the shift."""
     rate, force = corrected(imu, state.rest)
@@ -263,7 +280,8 @@ def innovation(
     scales = jnp.concatenate([part(rest, "airspeed_scale"), part(rest, "vane_scale")])
     speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
     airspeed = measured.airspeed - speed[:1]
-    velocity = measured.velocity - part(at(1, "velocity_delay").rest, "velocity")
+    tracked = at(1, "velocity_delay")
+    velocity = measured.velocity - ground_velocity(tracked, rate, levers.velocity)
     drifted = frames.multiply(
         frames.exponential(part(rest, "attitude_error")), at(2, "attitude_delay").attitude
     )

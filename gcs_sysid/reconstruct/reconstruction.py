@@ -161,13 +161,20 @@ def reconstruct(data: FlightData, aircraft: Aircraft) -> Reconstruction:
 
 
 def sensor_levers(aircraft: Aircraft) -> tuple[Levers, Float[np.ndarray, " axis"]]:
-    """Sensor positions, and the centre of gravity, from the inertial unit."""
+    """Sensor positions, and the centre of gravity, from the inertial unit.
+
+    Velocity over ground is that of the centre of gravity: a navigation filter corrects for where
+    its inertial unit and its antenna sit.
+    """
     unit = np.array(aircraft.imu.position)
     vanes = np.array(aircraft.vanes.position) if aircraft.vanes is not None else unit
+    centre = np.array(aircraft.mass.cg) - unit
     levers = Levers(
-        jnp.asarray(np.array(aircraft.pitot.position) - unit), jnp.asarray(vanes - unit)
+        pitot=jnp.asarray(np.array(aircraft.pitot.position) - unit),
+        vanes=jnp.asarray(vanes - unit),
+        velocity=jnp.asarray(centre),
     )
-    return levers, np.array(aircraft.mass.cg) - unit
+    return levers, centre
 
 
 def first_noise(data: FlightData) -> Noise:

@@ -260,7 +260,11 @@ def test_transition_jacobian_is_that_of_finite_differences(seed: int) -> None:
     np.testing.assert_allclose(jacobian.dense(), by_differences(of_error), atol=1e-8)
 
 
-LEVERS = Levers(pitot=jnp.asarray([0.3, -1.2, 0.05]), vanes=jnp.asarray([0.5, 0.9, -0.1]))
+LEVERS = Levers(
+    pitot=jnp.asarray([0.3, -1.2, 0.05]),
+    vanes=jnp.asarray([0.5, 0.9, -0.1]),
+    velocity=jnp.asarray([-0.4, 0.2, 0.15]),
+)
 
 
 @pytest.mark.parametrize("seed", [5, 6])
@@ -318,9 +322,11 @@ def seen_from(state: State, sample: Imu, levers: Levers, *, age: np.ndarray) -> 
         Rotation.from_rotvec(blocks[name]) for name in ("attitude_error", "attitude_offset")
     )
     attitude = drift * at(2, "attitude_delay")[0] * offset
+    turned, unit = at(1, "velocity_delay")
+    centre = unit + turned.apply(np.cross(rate, levers.velocity))
     return Measurements(
         airspeed=jnp.asarray((1.0 + blocks["airspeed_scale"]) * speed),
-        velocity=jnp.asarray(at(1, "velocity_delay")[1]),
+        velocity=jnp.asarray(centre),
         attitude=quaternion(attitude),
         vanes=jnp.asarray((1.0 + blocks["vane_scale"]) * angles + blocks["vane_bias"]),
         valid=jnp.ones(len(MEASURED), dtype=bool),
@@ -358,6 +364,25 @@ def test_a_pitot_on_the_wing_tip_feels_the_yaw_rate() -> None:
     rate = jnp.array([0.0, 0.0, 0.5])
     left = kinematics.air_velocity(state, rate, jnp.array([0.0, -1.5, 0.0]))
     np.testing.assert_allclose(left, [20.75, 0.0, 0.0], atol=1e-14)
+
+
+def test_in_a_turn_the_velocity_is_that_of_the_centre_of_gravity() -> None:
+    """Guards against a false accelerometer scale: the unit was taken for the centre of gravity.
+
+    Level circle to the right in closed form: the centre flies along the nose, the unit 0.25 m ahead
+    of it swings to the right.
+    """
+    speed, turning, ahead, heading = 25.0, 0.4, 0.25, 0.7
+    nose = np.array([np.cos(heading), np.sin(heading), 0.0])
+    right = np.array([-np.sin(heading), np.cos(heading), 0.0])
+    unit = speed * nose + turning * ahead * right
+    state = State(quaternion(Rotation.from_euler("z", heading)), rest(velocity=list(unit)))
+    sample = imu([0.0, 0.0, turning], [-(turning**2) * ahead, speed * turning, -GRAVITY])
+    levers = LEVERS._replace(velocity=jnp.array([-ahead, 0.0, 0.0]))
+    seen = seen_from(state, sample, LEVERS, age=np.zeros(4))
+    seen = seen._replace(velocity=jnp.asarray(speed * nose))
+    left = innovation(state, sample, seen, levers)[MEASURED["velocity"]]
+    np.testing.assert_allclose(left, 0.0, atol=1e-12)
 
 
 def test_a_vane_ahead_sees_pitching_as_less_alpha_and_wind_from_ahead_as_speed() -> None:

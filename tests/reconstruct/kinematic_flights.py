@@ -303,8 +303,9 @@ def _streams(
     streams = [_stream("VFR_HUD", at, airspeed)]
 
     at = clock(5.0)
-    _, through, _, _ = _motion(at - errors.velocity_delay)
-    ground = through + air.wind + white(through.shape, 0.15)
+    attitude, through, turning, _ = _motion(at - errors.velocity_delay)
+    centre = through + frames.rotate(attitude, np.cross(turning, -unit))
+    ground = centre + air.wind + white(through.shape, 0.15)
     names = ("v_north", "v_east", "v_down")
     streams.append(
         _stream(
