@@ -173,17 +173,18 @@ def _products(
     return values
 
 
-def strained(known: Investigation, best: Ranked) -> dict[str, float]:
-    """Ordinary unknowns that had to go beyond `STRAIN` of their sigmas, the farthest first.
+def strained(columns: Columns, best: Ranked) -> dict[str, float]:
+    """Values of the file that had to go beyond `STRAIN` of their sigmas, the farthest first.
 
-    A file whose values had to be bent that far is not free of error, whatever the causes say.
+    A file that had to be bent that far is not free of error, whatever the causes say. What belongs
+    to one flight, such as the bias of its accelerometer, is no value of the file.
     """
-    sigma = np.where(known.columns.sigma > 0.0, known.columns.sigma, np.inf)
+    sigma = np.where(columns.sigma > 0.0, columns.sigma, np.inf)
     freed = {name for candidate in best.causes for name in candidate.frees}
     bent = best.posterior.mean / sigma
     listed = {
         name: float(value)
-        for name, value in zip(known.columns.names, bent, strict=True)
-        if abs(value) > STRAIN and name not in freed
+        for name, value in zip(columns.names, bent, strict=True)
+        if abs(value) > STRAIN and name not in freed and "#" not in name
     }
     return dict(sorted(listed.items(), key=lambda item: -abs(item[1])))

@@ -174,7 +174,7 @@ def _diagnosed(
     useless = answer.answer == "effect" and trusted and after.nlpd >= before.nlpd
     if not credible or useless:
         answer = replace(answer, answer="insufficient_data", indistinguishable=())
-    strained = investigation.strained(final, answer.best) if trusted else {}
+    strained = investigation.strained(final.columns, answer.best) if trusted else {}
     if strained and answer.answer == "no_effect":
         answer = replace(answer, answer="insufficient_data")
     missing = None

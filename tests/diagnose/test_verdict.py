@@ -7,10 +7,10 @@ import pytest
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Control
-from gcs_sysid.diagnose import extended, unlisted, verdict
+from gcs_sysid.diagnose import extended, investigation, unlisted, verdict
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate, candidates
-from gcs_sysid.diagnose.evidence import Information, information, posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior, information, posterior
 from gcs_sysid.diagnose.ranking import Ranked, rank
 from gcs_sysid.diagnose.unknowns import Columns
 from gcs_sysid.diagnose.unlisted import Term
@@ -134,3 +134,19 @@ def test_a_servo_of_two_controls_keeps_its_own_effectiveness() -> None:
 def test_what_has_no_place_in_a_file_is_refused() -> None:
     with pytest.raises(ValueError, match="no place"):
         extended.corrected(small(), {"alpha": (0.1, 0.1)})
+
+
+def test_only_values_of_the_file_are_called_strained() -> None:
+    """A clean flight was denied its verdict over the bias of its own accelerometer."""
+    names = ("mass", "CZ.alpha", "accelerometer.y #0", "effectiveness.elevator")
+    sigma = np.array([0.02, 1.0, 0.01, 0.0])
+    best = Ranked(
+        causes=(),
+        prior=0.5,
+        probability=0.9,
+        log_bayes_factor=0.0,
+        estimates=(),
+        posterior=Posterior(np.array([0.01, -3.5, 0.05, 0.0]), np.eye(4), 0.0),
+    )
+    columns = Columns(names, sigma, np.zeros((0, 6, 4)))
+    assert investigation.strained(columns, best) == {"CZ.alpha": -3.5}
