@@ -14,7 +14,7 @@ only if the likelihood about *that* flight has grown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -37,6 +37,8 @@ LONGEST_LOG_STEP = 0.5
 SAMPLE_ROWS = 1000
 """Rows on which the information about intensities is worked out; it is needed roughly only."""
 MOST_TRIALS = 7
+Change = tuple[np.ndarray, np.ndarray]
+"""A step, and the change of the slope over it."""
 
 
 class Stage(NamedTuple):
@@ -142,10 +144,22 @@ def fit(
     point = problem.smoothed(problem.flat(first), flight.nominal, rounds=3)
     history, converged, damping = [point.objective], False, 0.1
     for number, stage in enumerate(STAGES, 1):
-        free = problem.free(stage)
+        free, changes, before = problem.free(stage), [], None
         for index in range(stage.steps):
             progress(f"stage {number}, step {index + 1}: log-likelihood {-point.objective:.1f}")
-            found, damping = _improved(problem, point, free, stage.intensities, damping)
+            slope = problem.slope(point)
+            if before is not None:
+                changes.append((point.values - before[0], slope - before[1]))
+            before = (point.values, slope)
+            curvature = problem.curvature(point, intensities=stage.intensities)
+            found, damping = _improved(
+                problem,
+                point,
+                slope,
+                _corrected(curvature, free, changes),
+                free,
+                damping,
+            )
             if found is None:
                 converged = True
                 break
@@ -158,24 +172,43 @@ def fit(
     return problem.result(point, tuple(history), converged)
 
 
+def _corrected(
+    curvature: Float[np.ndarray, "parameter parameter"],
+    free: Bool[np.ndarray, " parameter"],
+    changes: Sequence[Change],
+) -> Float[np.ndarray, "free free"]:
+    """Curvature of the free parameters, made to explain how the slope has changed so far.
+
+    The information leaves out what squares of innovations larger than their stated size add, and
+    how intensities act together with the motion; without this the search swings from side to side.
+    One update of Broyden, Fletcher, Goldfarb and Shanno for every step of the stage (Nocedal &
+    Wright, *Numerical Optimization*, 2nd ed. 2006, eq. 6.19).
+    """
+    matrix = curvature[np.ix_(free, free)]
+    for step, change in ((one[free], other[free]) for one, other in changes):
+        along = matrix @ step
+        before, after = step @ along, step @ change
+        if after > 0.01 * before:
+            matrix = matrix - np.outer(along, along) / before + np.outer(change, change) / after
+    return matrix
+
+
 def _improved(
     problem: _Problem,
     point: _Point,
+    slope: Float[np.ndarray, " parameter"],
+    curvature: Float[np.ndarray, "free free"],
     free: Bool[np.ndarray, " parameter"],
-    intensities: bool,
     damping: float,
 ) -> tuple[_Point | None, float]:
     """A better point and the damping that led to it; None when none was found."""
-    slope, curvature = problem.slope(point), problem.curvature(point, intensities=intensities)
     logs = np.arange(slope.size) >= problem.mean_count
-    # Squares of innovations beyond their stated size curve the density more than the information
-    # says; a diagonal that keeps every step inside its limit is as good and costs nothing.
-    least = np.where(logs, np.abs(slope) / LONGEST_LOG_STEP, 0.0)
+    # Where the information is far too small, a diagonal that keeps the step inside its limit.
+    least = np.where(logs, np.abs(slope) / LONGEST_LOG_STEP, 0.0)[free]
     diagonal = np.diagonal(curvature)
     curvature = curvature + np.diag(np.maximum(least - diagonal, 0.0))
-    inner = curvature[np.ix_(free, free)]
     for _ in range(MOST_TRIALS):
-        damped = inner + np.diag(np.diagonal(inner) * np.where(logs[free], damping + 0.3, damping))
+        damped = curvature + damping * np.diag(np.diagonal(curvature))
         step = np.zeros(slope.size)
         step[free] = -np.linalg.solve(damped, slope[free])
         step = np.where(logs, np.clip(step, -LONGEST_LOG_STEP, LONGEST_LOG_STEP), step)
@@ -283,15 +316,14 @@ class _Problem:
         covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
         keys = derivative_keys(unknowns.means.aerodynamics)
         chosen = np.arange(len(keys))
-        alone = curvature[: self.mean_count, : self.mean_count] - np.diag(
-            self._weight[: self.mean_count]
-        )
+        count = self.mean_count
+        alone = curvature[:count, :count] - np.diag(self._weight[:count])
         return Fit(
             unknowns=unknowns,
             deviation=self.unknowns(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),
             covariance=covariance[np.ix_(chosen, chosen)],
             keys=keys,
-            bound=_bound(alone, chosen),
+            bound=_bound(alone, free[:count])[chosen],
             states=nominal,
             smoothed=smoothed,
             objective=history,
@@ -311,14 +343,19 @@ def derivative_keys(
 
 
 def _bound(
-    information: Float[np.ndarray, "parameter parameter"], chosen: np.ndarray
-) -> Float[np.ndarray, " term"]:
-    """Cramér–Rao: what no unbiased estimate can beat, infinite where the flight says nothing."""
-    values, vectors = np.linalg.eigh(information)
+    information: Float[np.ndarray, "parameter parameter"], free: Bool[np.ndarray, " parameter"]
+) -> Float[np.ndarray, " parameter"]:
+    """Cramér–Rao: what no unbiased estimate can beat, infinite where the flight says nothing.
+
+    Parameters that are held count as known, and have none.
+    """
+    values, vectors = np.linalg.eigh(information[np.ix_(free, free)])
     seen = values > 1e-12 * values[-1]
     spread = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
     hidden = np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-6
-    return np.where(hidden, np.inf, np.sqrt(np.diagonal(spread)))[chosen]
+    bound = np.zeros(free.size)
+    bound[free] = np.where(hidden, np.inf, np.sqrt(np.diagonal(spread)))
+    return bound
 
 
 @partial(jax.jit, static_argnums=1)
