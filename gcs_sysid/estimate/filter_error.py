@@ -37,6 +37,11 @@ LONGEST_LOG_STEP = 0.5
 SAMPLE_ROWS = 1000
 """Rows on which the information about intensities is worked out; it is needed roughly only."""
 MOST_TRIALS = 7
+DIFFERENCE = 0.01
+"""Step, in deviations, over which the slope's change is taken."""
+LEAST_CURVATURE = 1e-4
+"""Of the density, where one is that of the information: below it lies what the summit's
+neighbourhood does not show, and a deviation is a hundred times the bound."""
 Change = tuple[np.ndarray, np.ndarray]
 """A step, and the change of the slope over it."""
 
@@ -95,7 +100,7 @@ class Fit:
         deviation: one standard deviation of each.
         covariance: of the derivatives, in the order of `keys`.
         keys: coefficient and regressor of each derivative.
-        bound: one standard deviation by the flight alone, were all intensities known.
+        bound: one standard deviation by the flight alone, were all gusts and intensities known.
         states: smoothed flight, one state a row.
         smoothed: its covariance, the innovations.
         objective: negative log posterior after each step.
@@ -300,6 +305,30 @@ class _Problem:
         share = self.flight.rows.step.shape[0] / SAMPLE_ROWS
         return np.asarray(matrix) * share
 
+    def _observed(
+        self,
+        point: _Point,
+        curvature: Float[np.ndarray, "parameter parameter"],
+        free: Bool[np.ndarray, " parameter"],
+    ) -> Float[np.ndarray, "free free"]:
+        """Covariance from the curvature of the density itself, by differences of its slope.
+
+        The information at fixed gains holds what the flight tells once its gusts are known. A
+        derivative and the intensity of the gusts that excite it can change together and leave all
+        innovations as they are; only the full curvature knows.
+        """
+        scale = 1.0 / np.sqrt(np.diagonal(curvature)[free])
+        here = self.slope(point)
+        columns = []
+        for index, size in zip(np.flatnonzero(free), scale, strict=True):
+            step = np.zeros(here.size)
+            step[index] = DIFFERENCE * size
+            moved = self.slope(point._replace(values=point.values + step))
+            columns.append((moved - here)[free] * scale / DIFFERENCE)
+        values, vectors = np.linalg.eigh(0.5 * (np.array(columns) + np.array(columns).T))
+        spread = (vectors / np.maximum(values, LEAST_CURVATURE)) @ vectors.T
+        return scale[:, None] * spread * scale[None, :]
+
     def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
         unknowns = self.unknowns(point.values)
         nominal, smoothed = aided_smoother.iterated(
@@ -313,7 +342,7 @@ class _Problem:
         curvature = self.curvature(point, intensities=True)
         free = ~self._held
         covariance = np.zeros_like(curvature)
-        covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
+        covariance[np.ix_(free, free)] = self._observed(point, curvature, free)
         keys = derivative_keys(unknowns.means.aerodynamics)
         chosen = np.arange(len(keys))
         count = self.mean_count

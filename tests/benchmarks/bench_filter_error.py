@@ -88,6 +88,20 @@ def model_errors(aircraft: Aircraft, fit: Fit, true: dict[str, np.ndarray]) -> d
     return dict(zip(COEFFICIENTS, map(float, shares), strict=True))
 
 
+def within(fit: Fit, true: Terms) -> str:
+    """How many intervals hold what flew."""
+    deviation = np.sqrt(np.diagonal(fit.covariance))
+    found = fit.unknowns.means.aerodynamics
+    held = 0
+    for (name, key), size in zip(fit.keys, deviation, strict=True):
+        off = float(found[name][key]) - true[name][key]
+        held += bool(abs(off) < 2.0 * size)
+        print(
+            f"{name}_{key}: {float(found[name][key]):.4g} +- {size:.2g}, flew {true[name][key]:.4g}"
+        )
+    return f"{held} of {len(fit.keys)}"
+
+
 def shortened(flight: Flight, minutes: float) -> Flight:
     count = int(np.searchsorted(np.cumsum(flight.rows.step), 60.0 * minutes))
 
@@ -135,9 +149,14 @@ def main() -> None:
             "filter_error_models",
             f"Filter error on clean from derivatives {100 * WRONG:.0f} % wrong, no prior: error at "
             f"the true regressors of clean_second in % of the spread ({seconds:.0f} s, "
-            f"{'converged' if fit.converged else 'not converged'})",
-            COEFFICIENTS,
-            [[f"{errors[name]:.1f}" for name in COEFFICIENTS]],
+            f"{asked.minutes:g} minutes, {'converged' if fit.converged else 'not converged'})",
+            (*COEFFICIENTS, "derivatives within 2 sd"),
+            [
+                [
+                    *(f"{errors[name]:.1f}" for name in COEFFICIENTS),
+                    within(fit, terms_of(aircraft, 0.0)),
+                ]
+            ],
         )
     table.show(
         "filter_error",
