@@ -160,8 +160,8 @@ def main() -> None:
         )
     table.show(
         "filter_error",
-        "Flow angles on clean (gusts of 3 m/s, no vanes) with the aerodynamics inside the filter, which "
-        "`identify` does not use yet",
+        "Flow angles on clean (gusts of 3 m/s, no vanes) with the aerodynamics inside the filter, "
+        "which `identify` does not use yet",
         ("filter", "alpha rms [°]", "beta rms [°]"),
         [(name, f"{alpha:.2f}", f"{beta:.2f}") for name, alpha, beta in rows],
     )
