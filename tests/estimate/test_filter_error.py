@@ -195,8 +195,9 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds() -> None:
         value = float(found.unknowns.means.aerodynamics[name][key])
         # Four deviations in any of ten: a chance of 6e-4.
         assert abs(value - TERMS[name][key]) < 4.0 * deviation[index], (name, key)
-    # Gusts of known intensity are small here: the flight tells nearly as much as with known gusts.
-    np.testing.assert_allclose(deviation, found.bound, rtol=0.5)
+    # Intensities are held, so that observed and expected curvature differ by chance only: two
+    # deviations of it for some fifty independent samples, 8 s of modes of a sixth of a second.
+    np.testing.assert_allclose(deviation, found.bound, rtol=0.2)
     elevator = found.keys.index(("Cm", "elevator"))
     assert deviation[elevator] < 0.1 * abs(TERMS["Cm"]["elevator"])
 
