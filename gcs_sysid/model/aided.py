@@ -28,7 +28,7 @@ from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
-from gcs_sysid.model import air, rigid_body
+from gcs_sysid.model import air, rigid_body, runge_kutta
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
 
@@ -53,12 +53,6 @@ ROWS: dict[str, slice] = {
 }
 """Rows of the innovation."""
 ROW_COUNT = 15
-STAGES = (
-    np.array([0.0, 0.5, 0.5, 1.0]),
-    np.array([1.0, 2.0, 2.0, 1.0]) / 6.0,
-    np.array([0, 1, 1, 2]),
-)
-"""Of the Runge–Kutta scheme: how far each reaches, its weight, and when its inputs are taken."""
 ATTITUDE_ERROR_TIME = 20.0
 """Correlation time of an autopilot's attitude error [s]."""
 
@@ -260,21 +254,10 @@ def advance(
 ) -> State:
     """State at the end of a row's step, by the classical Runge–Kutta scheme."""
 
-    def moved(by: Float[Array, ""], slope: State) -> State:
-        return jax.tree.map(lambda value, change: value + by * change, state, slope)
+    def slope(at: State, when: Int[Array, ""]) -> State:
+        return _slope(aircraft, means, turbulence, at, row, when)
 
-    def stage(
-        sofar: tuple[State, State], item: tuple[Float[Array, ""], Float[Array, ""], Int[Array, ""]]
-    ) -> tuple[tuple[State, State], None]:
-        last, mean = sofar
-        reach, weight, when = item
-        slope = _slope(aircraft, means, turbulence, moved(reach * row.step, last), row, when)
-        return (slope, jax.tree.map(lambda sum_, part: sum_ + weight * part, mean, slope)), None
-
-    # One stage in a loop: the equations are compiled once instead of four times.
-    still = jax.tree.map(jnp.zeros_like, state)
-    (_, mean), _ = jax.lax.scan(stage, (still, still), STAGES)
-    ahead = moved(row.step, mean)
+    ahead = runge_kutta.advance(slope, state, row.step)
     length = jnp.sqrt(jnp.sum(ahead.attitude * ahead.attitude))
     return ahead._replace(attitude=ahead.attitude / length)
 

@@ -23,13 +23,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from gcs_sysid import frames, regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aerodynamics, propulsion
+from gcs_sysid.model import aerodynamics, propulsion, runge_kutta
 
 
 class Parameters(NamedTuple):
@@ -213,19 +213,14 @@ def advance(
         step: its length [s], a third of the fastest time constant at most. The roll mode of a small
             aircraft is 40 to 50 ms.
     """
-    middle = jax.tree.map(lambda one, other: 0.5 * (one + other), before, after)
-
-    def moved(by: Float[Array, ""], slope: State) -> State:
-        return jax.tree.map(lambda value, change: value + by * change, state, slope)
-
-    first = derivative(aircraft, values, state, before)
-    second = derivative(aircraft, values, moved(0.5 * step, first), middle)
-    third = derivative(aircraft, values, moved(0.5 * step, second), middle)
-    fourth = derivative(aircraft, values, moved(step, third), after)
-    slope = jax.tree.map(
-        lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, first, second, third, fourth
+    given = jax.tree.map(
+        lambda one, other: jnp.stack([one, 0.5 * (one + other), other]), before, after
     )
-    ahead = moved(step, slope)
+
+    def slope(at: State, when: Int[Array, ""]) -> State:
+        return derivative(aircraft, values, at, jax.tree.map(lambda part: part[when], given))
+
+    ahead = runge_kutta.advance(slope, state, step)
     # The scheme keeps the quaternion's length only to its order.
     length = jnp.sqrt(jnp.sum(ahead.attitude * ahead.attitude))
     return ahead._replace(attitude=ahead.attitude / length)
