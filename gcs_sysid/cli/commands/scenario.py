@@ -78,6 +78,7 @@ def _run(folder: Path, out: Path | None, cache: Path) -> Mapping[str, Any]:
         return scenario.run(
             folder.name,
             scenario.plan(expected, logs, planned.aircraft, destination),
+            scenario.shortfalls(expected),
             out=destination,
             command=_command,
             progress=progress,
