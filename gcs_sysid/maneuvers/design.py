@@ -15,8 +15,9 @@ from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import flown, signals
 from gcs_sysid.maneuvers.envelope import LIKELY, Excursion, excursion
 from gcs_sysid.maneuvers.flown import STEP, Flown, Simulator
+from gcs_sysid.maneuvers.holding import Linear
 from gcs_sysid.maneuvers.information import Gain, gain
-from gcs_sysid.maneuvers.trim import Linear, Trim
+from gcs_sysid.model.trim import Trim
 
 Kind = Literal["multisine", "multistep", "doublet"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -15,10 +15,11 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.frames import Array
-from gcs_sysid.maneuvers import trim as trims
-from gcs_sysid.maneuvers.trim import Linear, Trim
+from gcs_sysid.maneuvers.holding import Linear
 from gcs_sysid.model import propulsion, rigid_body
+from gcs_sysid.model import trim as trims
 from gcs_sysid.model.rigid_body import Parameters, State
+from gcs_sysid.model.trim import Trim
 
 STEP = 0.02
 """Step of the simulation [s]."""

@@ -13,9 +13,10 @@ import numpy as np
 from gcs_sysid import atmosphere
 from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.maneuvers import design, flown, trim
+from gcs_sysid.maneuvers import design, flown, holding
 from gcs_sysid.maneuvers.design import KINDS, Condition, Maneuver
 from gcs_sysid.maneuvers.flown import STEP, Simulator
+from gcs_sysid.model import trim
 from gcs_sysid.offline import documents, model_store, summary, tested
 from gcs_sysid.offline.model_store import StoredModel
 
@@ -124,7 +125,7 @@ def _condition(stored: StoredModel, model_dir: Path, generator: np.random.Genera
         height,
         float(atmosphere.density(np.array(height))),
     )
-    linear = trim.linearised(aircraft, level)
+    linear = holding.linearised(aircraft, level)
     drawn = flown.draws(aircraft, stored.model, generator)
     simulator = Simulator(aircraft, level, linear, drawn)
     return Condition(aircraft, stored.model, allowed, level, linear, simulator)

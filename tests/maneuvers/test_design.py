@@ -11,11 +11,11 @@ import pytest
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Envelope, Value
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
-from gcs_sysid.maneuvers import design, flown, trim
+from gcs_sysid.maneuvers import design, flown, holding
 from gcs_sysid.maneuvers.design import Condition
 from gcs_sysid.maneuvers.envelope import excursion
 from gcs_sysid.maneuvers.flown import Flown, Simulator
-from gcs_sysid.model import rigid_body
+from gcs_sysid.model import rigid_body, trim
 from tests.offline.made_aircraft import small
 
 TERMS = {
@@ -68,7 +68,7 @@ def model() -> AeroModel:
 def at() -> Condition:
     made = aircraft()
     level = trim.find(made, 22.0, 100.0, 1.2)
-    linear = trim.linearised(made, level)
+    linear = holding.linearised(made, level)
     drawn = flown.draws(made, model(), np.random.default_rng(0))
     assert made.envelope is not None
     return Condition(

@@ -2,66 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from gcs_sysid.aircraft import Aircraft, Value
 from gcs_sysid.sitl.jsbsim_aircraft import STEP, JsbsimAircraft, Start
 from tests.sitl import examples
-from tests.sitl.published import AIRSPEED, CONTROLS, PUBLISHED, STATES, Placed
-
-# Entries that are not compared: what the file has no words for, or other numbers in.
-LEFT_OUT = {
-    ("u", "u"): "thrust falls faster with speed than by the thrust table, which was chosen",
-    ("q", "u"): "and pitches: that propeller sits 46 mm off the centre of gravity, tilted by 3°",
-    ("p", "u"): "its torque changes with speed",
-    ("p", "q"): "its gyroscopic moment, of 1.3e-4 kg·m² at 7900 rpm",
-    ("q", "r"): "likewise",
-    ("r", "q"): "likewise",
-    ("u", "elevator"): "drag of a deflection, whichever way it goes",
-    ("u", "rudder"): "likewise",
-    ("u", "aileron"): "likewise",
-}
-
-
-def as_published() -> Aircraft:
-    """The file with two things of the published model that it leaves out.
-
-    The published forces act 4.5 mm behind the centre of gravity, which makes Cm_alpha -0.81 of
-    -0.72; and CY is in wind axes there, so that drag adds to CY_beta.
-    """
-    aircraft = examples.ultra_stick()
-    aerodynamics = dict(aircraft.aerodynamics)
-    side = aerodynamics["CY"]
-    terms = {**side.terms, "beta": Value(side.terms["beta"].value - 0.0455, 0.0)}
-    aerodynamics["CY"] = dataclasses.replace(side, terms=terms)
-    mass = dataclasses.replace(aircraft.mass, cg=(0.0045, 0.0, 0.0))
-    return dataclasses.replace(aircraft, aerodynamics=aerodynamics, mass=mass)
+from tests.sitl.published import (
+    AIRSPEED,
+    CONTROLS,
+    PUBLISHED,
+    STATES,
+    Placed,
+    as_published,
+    entries,
+)
 
 
 @pytest.fixture(scope="module")
 def corrected():
     return Placed(as_published())
-
-
-def entries(A, B):
-    """Entries that matter, by name: at least 3 % of their row's largest, given usual motions."""
-    usual = {"phi": 0.3, "theta": 0.1, "p": 1.0, "q": 0.5, "r": 0.5, "u": 1.0, "v": 1.0, "w": 1.0}
-    scale = [usual[name] for name in STATES] + [0.1] * len(CONTROLS)
-    whole = np.hstack([A, B])
-    found = {}
-    for i, row in enumerate(STATES):
-        if row in ("phi", "theta"):
-            continue
-        weights = np.abs(whole[i]) * scale
-        for j, column in enumerate([*STATES, *CONTROLS]):
-            if weights[j] > 0.03 * weights.max() and (row, column) not in LEFT_OUT:
-                found[row, column] = whole[i, j]
-    return found
 
 
 def test_trim_is_the_published_one(corrected):
