@@ -23,6 +23,7 @@ COMMANDS = (
     "diagnose",
     "suggest",
     "listen",
+    "export",
     "replay",
     "sitl",
     "scenario",

@@ -1,0 +1,137 @@
+"""Linear models and JSBSim models on disk, read by the tools that they are for."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy import io
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.cli import entry
+from gcs_sysid.maneuvers.information import lasting
+from gcs_sysid.offline import model_store, tested
+from gcs_sysid.offline.model_store import StoredModel
+from gcs_sysid.sitl import jsbsim_xml
+from gcs_sysid.sitl.jsbsim_aircraft import JsbsimAircraft, Start
+from tests.model.made_linear import AIRSPEED, flying
+from tests.offline import made_models
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """An aircraft file, and a model of some of its coefficients."""
+    out = tmp_path_factory.mktemp("export")
+    aircraft = flying()
+    (out / "made.toml").write_text(aircraft_file.dumps(aircraft), encoding="utf-8")
+    model_store.save(out / "found" / "model", StoredModel(made_models.model(), aircraft, 0.0, []))
+    return out
+
+
+@pytest.fixture(scope="module")
+def exported(folder):
+    target = folder / "made.json"
+    arguments = ["export", "--aircraft", str(folder / "made.toml"), "--to", "control"]
+    speeds = ["--airspeed", str(AIRSPEED), "--airspeed", "25"]
+    assert entry.main([*arguments, *speeds, "--out", str(target)]) == 0
+    return json.loads(target.read_text(encoding="utf-8"))
+
+
+def test_python_control_loads_it_without_this_program(exported) -> None:
+    """Its own poles are the modes told."""
+    control = pytest.importorskip("control")
+    slow, fast = exported["models"]
+    system = control.ss(
+        slow["A"], slow["B"], slow["C"], slow["D"],
+        states=slow["states"], inputs=slow["inputs"], outputs=slow["outputs"],
+    )  # fmt: skip
+    told = [complex(r["real"], r["imag"]) for mode in slow["modes"] for r in mode["roots"]]
+    np.testing.assert_allclose(np.sort_complex(system.poles()), np.sort_complex(np.array(told)))
+    assert slow["airspeed"] == AIRSPEED
+    assert fast["airspeed"] == 25.0
+    short = {mode["name"]: mode for mode in slow["modes"]}["short period"]
+    faster = {mode["name"]: mode for mode in fast["modes"]}["short period"]
+    ratio = faster["frequency"]["value"] / short["frequency"]["value"]
+    assert ratio == pytest.approx(25.0 / AIRSPEED, rel=0.02)
+
+
+def test_matlab_has_the_same(folder, exported) -> None:
+    target = folder / "made.mat"
+    arguments = ["export", "--aircraft", str(folder / "made.toml"), "--to", "matlab"]
+    speeds = ["--airspeed", str(AIRSPEED), "--airspeed", "25"]
+    assert entry.main([*arguments, *speeds, "--out", str(target)]) == 0
+    models = io.loadmat(target, squeeze_me=True)["models"]
+    for read, one in zip(models, exported["models"], strict=True):
+        for name in ("A", "B", "C", "D", "A_sd", "B_sd", "trim_states"):
+            np.testing.assert_allclose(read[name], one[name])
+        assert list(read["states"]) == one["states"]
+        assert list(read["input_units"]) == one["input_units"]
+        assert [str(mode["name"]) for mode in read["modes"]] == [m["name"] for m in one["modes"]]
+
+
+def test_what_was_identified_has_its_own_intervals(folder, capsys) -> None:
+    """sd of M_q is that of Cm_qhat, without the error of inertia, which cancels."""
+    target = folder / "found.json"
+    arguments = ["export", "--model", str(folder / "found"), "--to", "control", "--json"]
+    assert entry.main([*arguments, "--airspeed", "25", "--out", str(target)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads(target.read_text(encoding="utf-8"))
+    [one] = document["models"]
+    fit = made_models.model().fits["Cm"]
+    place = fit.keys.index("qhat")
+    own = np.sqrt((fit.covariance - lasting(fit))[place, place]) / abs(fit.value[place])
+    q = one["states"].index("q")
+    assert one["A_sd"][q][q] / abs(one["A"][q][q]) == pytest.approx(own, rel=0.05)
+
+
+def test_jsbsim_flies_the_identified_coefficients(folder) -> None:
+    """What JSBSim computes from the file is what the model says, to 1e-6."""
+    target = folder / "found.xml"
+    arguments = ["export", "--model", str(folder / "found"), "--to", "jsbsim"]
+    assert entry.main([*arguments, "--out", str(target)]) == 0
+    described = tested.load(None, folder / "found").aircraft
+    assert target.read_text(encoding="utf-8") == jsbsim_xml.model_xml(described)
+    flying_there = JsbsimAircraft(
+        described, start=Start(airspeed=20.0, elevation=0.0, height=200.0, alpha=0.05)
+    )
+    fdm = flying_there._fdm
+    values = {"alpha": 0.06, "beta": 0.03, "elevator": -0.05, "aileron": 0.04, "rudder": 0.0}
+    for name in ("elevator", "aileron", "rudder"):
+        fdm[jsbsim_xml.control_property(name)] = values[name]
+    for name, value in (("alpha-rad", 0.06), ("beta-rad", 0.03), ("vt-fps", 20.0 / 0.3048)):
+        fdm[f"ic/{name}"] = value
+    for name, value in (("p", 0.4), ("q", 0.3), ("r", -0.2)):
+        fdm[f"ic/{name}-rad_sec"] = value
+    fdm.run_ic()
+    speed, shape = fdm["velocities/vt-fps"] * 0.3048, described.geometry
+    flow = {
+        "alpha": fdm["aero/alpha-rad"],
+        "beta": fdm["aero/beta-rad"],
+        "phat": 0.4 * shape.wing_span / (2.0 * speed),
+        "qhat": 0.3 * shape.mean_chord / (2.0 * speed),
+        "rhat": -0.2 * shape.wing_span / (2.0 * speed),
+        **{name: values[name] for name in ("elevator", "aileron", "rudder")},
+    }
+    wanted = made_models.model().predict(
+        {name: np.array([value]) for name, value in flow.items()}, measured=False
+    )
+    for name, prediction in wanted.items():
+        told = fdm[jsbsim_xml.coefficient_property(name)]
+        assert told == pytest.approx(float(prediction.mean[0]), rel=1e-6, abs=1e-6), name
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--to", "control"], "--model DIR"),
+        (["--aircraft", "made.toml", "--to", "control", "--airspeed", "90"], "cannot fly level"),
+        (["--aircraft", "made.toml", "--to", "control", "--out", "made.toml"], "both read and"),
+    ],
+)
+def test_what_cannot_be_is_one_line(folder, monkeypatch, capsys, options, word) -> None:
+    monkeypatch.chdir(folder)
+    assert entry.main(["export", *options]) in (1, 2)
+    told = capsys.readouterr().err
+    assert word in told
+    assert told.count("\n") == 1
