@@ -95,7 +95,10 @@ def transition(
 def linearised(
     state: State, imu: Imu, measured: Measurements, levers: Levers
 ) -> tuple[Float[Array, " row"], Float[Array, "row state"]]:
-    """Innovation and the Jacobian of the expected measurement (minus that of the innovation)."""
+    """Innovation and the Jacobian of the expected measurement (minus that of the innovation).
+
+    Vanes are not asked about a gust along the flight path: see `_across`.
+    """
     rest = state.rest
     rate = corrected(imu, rest).gyro
     residual = innovation(state, imu, measured, levers)
@@ -118,10 +121,12 @@ def linearised(
         "attitude_error": mounted @ matrix(source.state.attitude).T @ right_jacobian(error),
         "attitude_offset": ahead @ right_jacobian(offset),
     }
+    turned = _times(
+        (1.0 + vane_scale)[:, None] * jnp.eye(2, 3, 1), _of_flow(vanes, rate, levers.vanes)
+    )
     angles = {
-        **_times(
-            (1.0 + vane_scale)[:, None] * jnp.eye(2, 3, 1), _of_flow(vanes, rate, levers.vanes)
-        ),
+        **turned,
+        "gust": _across(turned["gust"], state),
         "vane_bias": jnp.eye(2),
         "vane_scale": jnp.diag(_without_gust(vanes, rate, levers.vanes)[1:]),
     }
@@ -237,6 +242,19 @@ def _without_gust(
     """Flow as it were without the gust: what the sensors' scales learn from."""
     calm = moved.state._replace(rest=moved.state.rest.at[BLOCKS["gust"]].set(0.0))
     return jnp.stack(frames.flow_angles(air_velocity(calm, rate, lever)))
+
+
+def _across(by_gust: Float[Array, "row axis"], state: State) -> Float[Array, "row axis"]:
+    """Derivative by the gust without the gust's part along the horizontal flight path.
+
+    A vane tells of such a gust by how far it turns when the aircraft climbs or slips. How far it
+    seems to turn is what gusts feign, by more than the flight can tell airspeed from it: unseen
+    gusts are in the motion already (`reconstruct.vane_scale`). The pitot tube tells of it directly.
+    """
+    through_air = part(state.rest, "velocity") - part(state.rest, "wind") - part(state.rest, "gust")
+    level = through_air.at[2].set(0.0)
+    ahead = level / jnp.sqrt(jnp.sum(level * level))
+    return by_gust - jnp.outer(by_gust @ ahead, ahead)
 
 
 def _times(left: Float[Array, "row middle"], right: Sensitivity) -> dict[str, Array]:
