@@ -85,7 +85,8 @@ class Recording:
         parameters: the autopilot's parameters, as far as the log holds them.
         texts: (time, text) of STATUSTEXT messages.
         lost: what could not be used, counted by reason: `bad_crc`, `unknown`, `garbage_bytes`,
-            `truncated`; of a table `rows_without_time`, `rows_at_same_time`.
+            `truncated`; of an onboard log also `bad_stamp`, `dropped`; of a table
+            `rows_without_time`, `rows_at_same_time`.
         clock_notes: what was done to bring the streams onto one clock, one sentence each.
         others: further vehicles heard in the same log.
     """
@@ -141,6 +142,9 @@ CHANNELS: Mapping[str, str] = {
     "groundspeed": "speed over ground [m/s]",
     "climb": "climb rate [m/s]",
     "throttle": "throttle as reported, 0 to 1",
+    "demand_aileron": "autopilot's aileron demand before mixing, full travel 1",
+    "demand_elevator": "autopilot's elevator demand before mixing, full travel 1",
+    "demand_rudder": "autopilot's rudder demand before mixing, full travel 1",
     "static_pressure": "static pressure [Pa]",
     "dynamic_pressure": "impact pressure [Pa]",
     "temperature": "temperature reported by the sensor [K]",

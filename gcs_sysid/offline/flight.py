@@ -120,7 +120,12 @@ def read(
     """
     started = clock.perf_counter()
     progress(f"reading {path.name}", 0.0)
-    recording = open_recording(path, vehicle=vehicle, columns=columns)
+    recording = open_recording(
+        path,
+        vehicle=vehicle,
+        columns=columns,
+        progress=lambda fraction: progress(f"reading {path.name}", 0.1 * fraction),
+    )
     needed = requirements.check(recording, aircraft)
     needed.raise_if_unusable()
     read_at = clock.perf_counter()

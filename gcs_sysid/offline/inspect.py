@@ -60,7 +60,12 @@ def run(
     """
     described = aircraft_file.load(aircraft) if aircraft is not None else None
     progress("reading", 0.0)
-    recording = open_recording(log, vehicle=vehicle, columns=columns)
+    recording = open_recording(
+        log,
+        vehicle=vehicle,
+        columns=columns,
+        progress=lambda fraction: progress("reading", 0.6 * fraction),
+    )
     progress("looking for maneuvers", 0.6)
     document = plain(inspected(recording, described, segments))
     if out is not None:

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.errors import RefusedError, SourceError
-from gcs_sysid.recording import NO_AUTOPILOT, Recording, Stream, Vehicle
-from gcs_sysid.sources import assemble, column_map, held, table_file
+from gcs_sysid.recording import NO_AUTOPILOT, Recording, Vehicle
+from gcs_sysid.sources import assemble, column_map, content, held, joined, table_file
 from gcs_sysid.sources.clock import UNIX_US
 from gcs_sysid.sources.column_map import (
     COURSE,
@@ -27,6 +27,7 @@ from gcs_sysid.sources.column_map import (
     Sensor,
     TimeColumn,
 )
+from gcs_sysid.sources.joined import Piece
 from gcs_sysid.sources.units import to_si
 
 SUFFIXES = tuple(table_file.READERS)
@@ -56,12 +57,11 @@ class Table:
     map: ColumnMap
 
 
-def recording(path: Path, data: bytes, *, columns: Path | None, vehicle: int | None) -> Recording:
+def recording(path: Path, *, columns: Path | None, vehicle: int | None) -> Recording:
     """The flight in a table.
 
     Args:
         path: the table's file, whose ending names its format.
-        data: its content.
         columns: the column map's file.
         vehicle: system id asked for; a table holds vehicle 1 only.
 
@@ -69,6 +69,7 @@ def recording(path: Path, data: bytes, *, columns: Path | None, vehicle: int | N
         SourceError: no column map, one that does not fit the table, or an unreadable table.
         RefusedError: another vehicle was asked for.
     """
+    data = content.read(path)
     if columns is None:
         raise _no_map(path, data)
     if vehicle not in (None, SYSTEM):
@@ -82,8 +83,8 @@ def recording(path: Path, data: bytes, *, columns: Path | None, vehicle: int | N
     origin_us = min(float(part.time_us[0]) for part in parts)
     _of_one_flight(table, parts)
     epoch_us = table.map.epoch_us + round(origin_us)
-    streams = _streams(_over_ground(parts), origin_us)
-    streams, absent = assemble.without_absent(streams)
+    pieces = [Piece(p.sensor.stream, p.time_us, p.channels) for p in _over_ground(parts)]
+    streams, absent = assemble.without_absent(joined.streams(pieces, origin_us))
     return Recording(
         source=str(path),
         sha256=hashlib.sha256(data).hexdigest(),
@@ -284,24 +285,3 @@ def _over_ground(parts: Sequence[Part]) -> list[Part]:
         course, channels={"v_north": at * np.cos(angle), "v_east": at * np.sin(angle)}
     )
     return [velocity, *(part for part in parts if part is not course and part is not speed)]
-
-
-def _streams(parts: Sequence[Part], origin_us: float) -> dict[str, Stream]:
-    names = sorted({part.sensor.stream for part in parts})
-    return {
-        name: _stream(name, [p for p in parts if p.sensor.stream == name], origin_us)
-        for name in names
-    }
-
-
-def _stream(name: str, parts: Sequence[Part], origin_us: float) -> Stream:
-    """Sensors of one message type, NaN at times at which only another of them measured."""
-    time_us = np.unique(np.concatenate([part.time_us for part in parts]))
-    channels: dict[str, Column] = {}
-    for part in parts:
-        rows = np.searchsorted(time_us, part.time_us)
-        for channel, values in part.channels.items():
-            column = channels.setdefault(channel, np.full(time_us.size, np.nan))
-            column[rows] = values
-    time = (time_us - origin_us) * 1e-6
-    return Stream(name=name, time=time, link_time=time, channels=channels)

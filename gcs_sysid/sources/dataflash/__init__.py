@@ -1,0 +1,1 @@
+"""ArduPilot's onboard logs: binary (.bin) and text (.log)."""

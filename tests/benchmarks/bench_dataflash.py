@@ -1,0 +1,70 @@
+"""Messages a CPU second that the DataFlash reader takes, against pymavlink's on the same log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import table
+from pymavlink import DFReader
+
+from gcs_sysid.sources.dataflash import binary
+from gcs_sysid.sources.registry import open_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+LOGS = (ROOT.parent / "shared/data/arduplane_sitl/B_first_part.BIN",)
+ROUNDS = 5
+
+
+def by_pymavlink(path: Path) -> int:
+    log = DFReader.DFReader_binary(str(path))
+    count = 0
+    while (message := log.recv_msg()) is not None:
+        message.to_dict()  # values are converted only when they are looked at
+        count += 1
+    return count
+
+
+def by_us(path: Path) -> int:
+    return binary.read(np.memmap(path, dtype=np.uint8, mode="r")).count
+
+
+def whole(path: Path) -> int:
+    return open_recording(path).vehicle.messages
+
+
+def rate(read: Callable[[Path], int], path: Path, rounds: int) -> tuple[int, float]:
+    """Messages, and the best rate of some rounds [1/CPU s]: other programs only slow it down."""
+    best = float("inf")
+    count = 0
+    for _ in range(rounds):
+        begin = time.process_time()
+        count = read(path)
+        best = min(best, time.process_time() - begin)
+    return count, count / best
+
+
+def row(path: Path) -> tuple[str, int, str, str, str, str]:
+    count, theirs = rate(by_pymavlink, path, 1)
+    ours_count, ours = rate(by_us, path, ROUNDS)
+    assert ours_count == count, f"{path}: {ours_count} messages, pymavlink {count}"
+    _, finished = rate(whole, path, ROUNDS)
+    return (
+        f"{path.parent.name}/{path.name}",
+        count,
+        f"{theirs:,.0f}",
+        f"{ours:,.0f}",
+        f"{ours / theirs:.0f}",
+        f"{finished:,.0f}",
+    )
+
+
+if __name__ == "__main__":
+    table.show(
+        "dataflash",
+        "Messages per CPU second, read from a DataFlash .bin (wanted: 10 times pymavlink, aim 30)",
+        ("log", "messages", "pymavlink", "gcs-sysid", "times", "with clock and SI units"),
+        [row(path) for path in LOGS if path.exists()],
+    )
