@@ -28,16 +28,25 @@ Role = Literal[
     "reference",
     "limit",
 ]
-Style = Literal["line", "dashes", "points", "cross", "bars"]
+Style = Literal["line", "dashes", "points", "cross", "bars", "rows"]
+"""Bars stand on the x axis, rows lie along it from the y axis."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity on an axis: its name, its unit ("1" for a ratio) and the range to show."""
+    """A quantity on an axis: its name, its unit ("1" for a ratio) and the range to show.
+
+    Attributes:
+        label: name of the quantity.
+        unit: of it.
+        limits: range to show; the larger first to turn the axis round.
+        names: what stands at 1, 2, … where the axis has things on it and not a quantity.
+    """
 
     label: str
     unit: str
     limits: tuple[float, float]
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

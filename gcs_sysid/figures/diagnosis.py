@@ -67,23 +67,23 @@ def _panel(
 
 
 def probabilities(ranking: Sequence[Mapping], labels: Sequence[str]) -> Figure:
-    """How probable each set of causes is.
+    """How probable each set of causes is, the first on top.
 
     Args:
         ranking: entries of the document, most probable first.
-        labels: of them, for the caption.
+        labels: of them.
     """
     places = np.arange(1.0, len(ranking) + 1.0)
     values = np.array([float(item["probability"]) for item in ranking])
     return Figure(
         name="probabilities",
         title="Probability of each explanation",
-        caption="; ".join(f"{index + 1}: {label}" for index, label in enumerate(labels)) + ".",
-        x=Axis("explanation", "1", (0.4, len(ranking) + 0.6)),
+        caption="The most probable first.",
+        x=Axis("probability", "1", (0.0, 1.0)),
         panels=(
             Panel(
-                y=Axis("probability", "1", (0.0, 1.0)),
-                series=(Series("probability", places, values, "predicted", style="bars"),),
+                y=Axis("explanation", "1", (len(ranking) + 0.6, 0.4), tuple(labels)),
+                series=(Series("probability", values, places, "predicted", style="rows"),),
             ),
         ),
         size="small",

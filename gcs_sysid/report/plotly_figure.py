@@ -24,6 +24,9 @@ _HEADING = 26.0
 _FLAG = 5.0
 _LETTER = 5.9
 _LONGEST_NAME = 26
+_LEFT = 52.0
+_TICK_LINE = 42
+"""Letters of a line of a name beside the y axis."""
 _LINE = {"wide": 1.2, "small": 1.0}
 _DASH = {"reference": "2px,2px", "limit": "5px,3px"}
 
@@ -117,7 +120,7 @@ def _base_layout(figure: Figure, *, height: float, top: float) -> dict:
     single = len(figure.panels) == 1
     return {
         "height": height,
-        "margin": {"l": 52, "r": 10, "t": top, "b": _BOTTOM},
+        "margin": {"l": _left(figure), "r": 10, "t": top, "b": _BOTTOM},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "font": {"family": _FONT, "size": 12, "color": token("muted")},
@@ -138,6 +141,30 @@ def _base_layout(figure: Figure, *, height: float, top: float) -> dict:
         "xaxis": _x_axis(figure.x, len(figure.panels)),
         "annotations": [],
         "shapes": [],
+    }
+
+
+def _left(figure: Figure) -> float:
+    """Room [px] beside the y axis for numbers, or for names."""
+    names = [name for panel in figure.panels for name in panel.y.names]
+    longest = max((len(line) for name in names for line in _lines(name)), default=0)
+    return max(_LEFT, _LETTER * longest + 24.0)
+
+
+def _lines(name: str) -> list[str]:
+    return textwrap.wrap(name, _TICK_LINE)
+
+
+def _ticks(axis: Axis) -> dict:
+    """Names in place of numbers, where the axis has them."""
+    if not axis.names:
+        return {}
+    texts = ["<br>".join(map(escape, _lines(name))) for name in axis.names]
+    return {
+        "tickvals": list(range(1, len(texts) + 1)),
+        "ticktext": texts,
+        "showgrid": False,
+        "zeroline": False,
     }
 
 
@@ -174,6 +201,7 @@ def _y_axis(panel: Panel, domain: tuple[float, float]) -> dict:
         "showgrid": not refused,
         "exponentformat": "power",
         "fixedrange": refused,
+        **_ticks(panel.y),
     }
 
 
@@ -329,8 +357,10 @@ def _series(series: Series, number: int, unit: str, size: str) -> dict:
 
 def _look(series: Series, *, width: float) -> dict:
     colour = token(series.role)
-    if series.style == "bars":
-        return {"type": "bar", "marker": {"color": token(series.role, 0.55), "line": {"width": 0}}}
+    if series.style in ("bars", "rows"):
+        bar = {"type": "bar", "marker": {"color": token(series.role, 0.55), "line": {"width": 0}}}
+        lying = {"orientation": "h", "hovertemplate": "%{x:.3f}"}
+        return bar if series.style == "bars" else bar | lying
     if series.style == "points":
         marker = {"size": 3, "color": token(series.role, 0.55), "line": {"width": 0}}
         return {

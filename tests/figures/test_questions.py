@@ -53,13 +53,16 @@ def test_residuals_are_shown_before_and_after_where_a_cause_was_named() -> None:
     assert [series.name for series in silent.panels[0].series] == ["before"]
 
 
-def test_a_probability_is_a_bar() -> None:
+def test_a_probability_is_a_bar_with_the_name_of_its_explanation() -> None:
     ranking = [{"probability": 0.7}, {"probability": 0.2}]
     figure = diagnosis.probabilities(ranking, ["mass", "nothing"])
-    [series] = figure.panels[0].series
-    assert series.style == "bars"
-    assert series.y.tolist() == [0.7, 0.2]
-    assert figure.caption == "1: mass; 2: nothing."
+    [panel] = figure.panels
+    [series] = panel.series
+    assert series.style == "rows"
+    assert (series.x.tolist(), series.y.tolist()) == ([0.7, 0.2], [1.0, 2.0])
+    assert panel.y.names == ("mass", "nothing")
+    low, high = panel.y.limits
+    assert low > high, "the first on top"
 
 
 def test_a_maneuver_shows_input_motion_and_limits() -> None:

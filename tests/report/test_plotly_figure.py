@@ -111,6 +111,23 @@ def test_a_refusal_stands_where_the_curve_would() -> None:
     assert "no accelerometer &lt;b&gt;" in note["text"]
 
 
+def test_names_stand_where_numbers_would_with_room_for_them() -> None:
+    names = ("cg_shift and surface_effectiveness (elevator)", "<b>")
+    panel = Panel(
+        y=Axis("explanation", "1", (2.6, 0.4), names),
+        series=(Series("probability", X[:2], X[1:3], "predicted", "rows"),),
+    )
+    made = specification(figure(panels=(panel,)))
+    axis, [bar] = made["layout"]["yaxis"], made["data"]
+    assert axis["tickvals"] == [1, 2]
+    assert axis["ticktext"] == ["cg_shift and surface_effectiveness<br>(elevator)", "&lt;b&gt;"]
+    assert axis["range"] == [2.6, 0.4]
+    assert bar["orientation"] == "h"
+    assert made["layout"]["margin"]["l"] > 180.0
+    made = painted(made)
+    assert plotly.graph_objects.Figure(data=made["data"], layout=made["layout"])
+
+
 def test_names_cannot_inject_markup() -> None:
     evil = '<a href="https://example.org">x</a>'
     panel = Panel(y=Axis(evil, evil, (0.0, 1.0)), series=(Series(evil, X, X, "first"),), keyed=True)
