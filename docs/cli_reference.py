@@ -19,9 +19,10 @@ HEAD = """\
 One program, `gcs-sysid` (also `python -m gcs_sysid`). Exit status: 0 done; 1 the input cannot be
 used, and one line on stderr says which file, where, why and what to do; 2 wrong usage.
 
-A log is a MAVLink telemetry log (`.tlog`), an [onboard log](logs.md) of ArduPilot (`.bin`, `.log`),
-or a table (`.csv`, `.parquet`, `.mat`) with a [column map](tables.md). Results go to `--out`, `./LOG-COMMAND` unless given;
-files of the same names that this program did not write are never overwritten.
+A log is a MAVLink telemetry log (`.tlog`), an [onboard log](logs.md) of ArduPilot (`.bin`, `.log`)
+or PX4 (`.ulg`), or a table (`.csv`, `.parquet`, `.mat`) with a [column map](tables.md). Results go
+to `--out`, `./LOG-COMMAND` unless given; files of the same names that this program did not write
+are never overwritten.
 
 Environment: `GCS_SYSID_DEBUG=1` shows tracebacks; `GCS_SYSID_CACHE_DIR` is where compiled code and
 the flights of scenarios are kept between runs instead of the platform's cache folder.

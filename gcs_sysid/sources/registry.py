@@ -18,6 +18,7 @@ _LOGS: Mapping[str, str] = {
     ".tlog": "gcs_sysid.sources.tlog",
     ".bin": "gcs_sysid.sources.dataflash.recording",
     ".log": "gcs_sysid.sources.dataflash.recording",
+    ".ulg": "gcs_sysid.sources.ulog.recording",
 }
 """File name ending -> module whose `open_log` reads such a log."""
 _TABLES = (".csv", ".parquet", ".mat")
@@ -35,8 +36,8 @@ def open_recording(
     """The flight recorded in a log file.
 
     Args:
-        path: a telemetry log (.tlog), an onboard log (.bin, .log), or a table (.csv,
-            .parquet, .mat).
+        path: a telemetry log (.tlog), an onboard log (.bin, .log, .ulg), or a table
+            (.csv, .parquet, .mat).
         vehicle: MAVLink system id to use; without it the log must hold one vehicle only.
         columns: what the columns of a table are; see `column_map`. Logs of other formats know
             their own, and it says nothing about them.

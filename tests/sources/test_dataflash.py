@@ -32,6 +32,9 @@ def by_pymavlink(path: Path, *, reader: type) -> dict[str, list]:
     rows: dict[str, list] = defaultdict(list)
     while (message := log.recv_msg()) is not None:
         rows[message.get_type()].append(message)
+    for one in ("data_map", "filehandle"):  # which pymavlink leaves open
+        if hasattr(log, one):
+            getattr(log, one).close()
     return rows
 
 
