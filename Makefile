@@ -79,7 +79,7 @@ picture: setup
 
 # Universal: one file for every platform and Python version, with a hash for each archive.
 lock:
-	uv pip compile pyproject.toml --universal --all-extras --group dev --group test --group docs \
+	uv pip compile pyproject.toml --universal --all-extras --group dev --group test --group bench --group docs \
 		--generate-hashes --no-emit-index-url --no-emit-find-links --no-header --quiet \
 		--output-file requirements.lock
 
