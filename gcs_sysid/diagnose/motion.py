@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid import frames, regressors
-from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aerodynamics
 
@@ -117,7 +117,7 @@ def predicted(aircraft: Aircraft, wrong: Wrong, motion: Motion) -> Float[Array, 
     shape, body, rate = aircraft.geometry, aircraft.mass, motion.rate
     speed = _airspeed(wrong, motion)
     area = (0.5 * motion.density * speed**2 * shape.wing_area)[:, None]
-    found = coefficients(aircraft, wrong, flow(aircraft, wrong, motion))
+    found = _coefficients(aircraft, wrong, flow(aircraft, wrong, motion))
     thrust = 1.0 + wrong["thrust"]
     force = area * found[:, :3] + thrust * motion.thrust
     moved = shape.mean_chord * _vector(wrong, "cg")
@@ -135,24 +135,23 @@ def predicted(aircraft: Aircraft, wrong: Wrong, motion: Motion) -> Float[Array, 
     return _dimensionless(aircraft, motion, specific, acceleration)
 
 
-def coefficients(
+def _coefficients(
     aircraft: Aircraft, wrong: Wrong, values: Mapping[str, Float[Array, " sample"]]
 ) -> Float[Array, "sample six"]:
     """CX…Cn of the file's aerodynamics, with their values as wrong as `wrong` says."""
-    controls = aircraft.control_names
-    columns = []
-    for name in COEFFICIENTS:
-        total = jnp.zeros_like(values["alpha"])
-        model = aircraft.aerodynamics.get(name)
-        if model is not None:
-            for key, term in model.terms.items():
-                regressor = regressors.evaluate(regressors.parse(key, controls=controls), values)
-                total = total + (term.value + term.sigma * wrong[f"{name}.{key}"]) * regressor
-            for table in model.tables:
-                share = 1.0 + table.sigma * wrong[f"{name}.{table.name}"]
-                total = total + share * aerodynamics.table(table, values)
-        columns.append(total)
-    return jnp.stack(columns, axis=1)
+    models = aircraft.aerodynamics
+    terms = {
+        name: {
+            key: term.value + term.sigma * wrong[f"{name}.{key}"]
+            for key, term in model.terms.items()
+        }
+        for name, model in models.items()
+    }
+    shares = {
+        name: {item.name: 1.0 + item.sigma * wrong[f"{name}.{item.name}"] for item in model.tables}
+        for name, model in models.items()
+    }
+    return aerodynamics.coefficients(models, terms, values, shares=shares)
 
 
 def flow(aircraft: Aircraft, wrong: Wrong, motion: Motion) -> dict[str, Float[Array, " sample"]]:

@@ -9,8 +9,39 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import CoefficientModel, TableTerm
+from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, TableTerm
 from gcs_sysid.model import tables
+
+Values = Mapping[str, Mapping[str, Float[ArrayLike, ""]]]
+"""Numbers by coefficient, and by regressor key or name of a table."""
+
+
+def coefficients(
+    models: Mapping[str, CoefficientModel],
+    terms: Values,
+    flow: Mapping[str, Float[ArrayLike, "*sample"]],
+    *,
+    shares: Values | None = None,
+) -> Float[Array, "*sample six"]:
+    """CX…Cn in the order of `COEFFICIENTS`; 0 for those that there is no model of.
+
+    Args:
+        models: regressors and tables.
+        terms: value of every term.
+        flow: variables and controls, see `coefficient`.
+        shares: factor of every table; without them the tables count as they are.
+    """
+    rows = []
+    for name in COEFFICIENTS:
+        total = jnp.zeros_like(next(iter(flow.values())))
+        model = models.get(name, CoefficientModel())
+        for key in model.terms:
+            total = total + terms[name][key] * _regressor(key, flow)
+        for item in model.tables:
+            share = 1.0 if shares is None else shares[name][item.name]
+            total = total + share * table(item, flow)
+        rows.append(total)
+    return jnp.stack(rows, axis=-1)
 
 
 def coefficient(
@@ -32,14 +63,6 @@ def coefficient(
     total = jnp.zeros_like(next(iter(values.values())))
     for key, value in model.terms.items():
         total = total + value.value * _regressor(key, values)
-    return total + tables_of(model, values)
-
-
-def tables_of(
-    model: CoefficientModel, values: Mapping[str, Float[ArrayLike, "*sample"]]
-) -> Float[Array, "*sample"]:
-    """What the tables of one coefficient add; arguments as for `coefficient`."""
-    total = jnp.zeros_like(next(iter(values.values())))
     for item in model.tables:
         total = total + table(item, values)
     return total

@@ -25,8 +25,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from gcs_sysid import frames, regressors
-from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aerodynamics, propulsion, runge_kutta
@@ -164,18 +164,7 @@ def coefficients(
         values: values of the terms.
         flow: variables of `regressors.VARIABLES` and controls, arrays of one shape.
     """
-    controls = aircraft.control_names
-    rows = []
-    for name in COEFFICIENTS:
-        total = jnp.zeros_like(flow["alpha"])
-        model = aircraft.aerodynamics.get(name)
-        if model is not None:
-            for key in model.terms:
-                term = regressors.evaluate(regressors.parse(key, controls=controls), flow)
-                total = total + values.aerodynamics[name][key] * term
-            total = total + aerodynamics.tables_of(model, flow)
-        rows.append(total)
-    return jnp.stack(rows, axis=-1)
+    return aerodynamics.coefficients(aircraft.aerodynamics, values.aerodynamics, flow)
 
 
 def _thrust(
