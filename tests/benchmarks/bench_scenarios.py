@@ -1,13 +1,16 @@
-"""Every scenario of replay/, run as a user runs it: what is found of what was put in."""
+"""Every scenario of replay/, run as a user runs it: what is found of what was put in.
+
+With `--out DIR` the runs stay in DIR, and those that are there already are not repeated.
+"""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,36 +21,44 @@ sys.path.insert(0, str(ROOT))
 from gcs_sysid.cli import entry  # noqa: E402 - needs the path above
 from tests.benchmarks import table  # noqa: E402 - needs the path above
 
+COLUMNS = ("scenario", "expectations that hold", "not as expected", "known not to hold")
+
 
 def main() -> None:
-    chosen = [name for name in sys.argv[1:] if not name.startswith("-")]
-    names = chosen or sorted(path.parent.name for path in ROOT.glob("replay/*/scenario.toml"))
-    rows = []
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="scenarios; all of them unless given")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--save", action="store_true", help="see tests/benchmarks/table.py")
+    given = parser.parse_args()
+    names = given.names or sorted(path.parent.name for path in ROOT.glob("replay/*/scenario.toml"))
     with tempfile.TemporaryDirectory(prefix="gcs-sysid-scenarios-") as folder:
+        kept = given.out or Path(folder)
+        rows = []
         for name in names:
-            begun, out = time.perf_counter(), Path(folder) / name
-            with (
-                contextlib.redirect_stdout(io.StringIO()),
-                contextlib.redirect_stderr(io.StringIO()),
-            ):
-                entry.main(["scenario", str(ROOT / "replay" / name), "--out", str(out)])
-            checks = json.loads((out / "scenario.json").read_text(encoding="utf-8"))["checks"]
-            held = f"{sum(check['passed'] for check in checks)} of {len(checks)}"
-            seconds = f"{time.perf_counter() - begun:.0f} s"
-            rows.append((name, held, *_short(checks), seconds))
+            rows.append(_row(name, _document(name, kept / name)))
             print(*rows[-1], file=sys.stderr)
-    columns = (
-        *("scenario", "expectations that hold", "not as expected", "known not to"),
-        "flown, run and compared in",
-    )
-    table.show("scenarios", "Scenarios against what they expect", columns, rows)
+    table.show("scenarios", "Scenarios against what they expect", COLUMNS, rows)
 
 
-def _short(checks: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """What is not as expected, and what is known not to hold."""
+def _document(name: str, out: Path) -> Mapping[str, Any]:
+    document = out / "scenario.json"
+    if not document.exists():
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            entry.main(["scenario", str(ROOT / "replay" / name), "--out", str(out)])
+    return json.loads(document.read_text(encoding="utf-8"))
+
+
+def _row(name: str, document: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    checks: Sequence[Mapping[str, Any]] = document["checks"]
+    held = sum(check["passed"] for check in checks)
     odd = [check for check in checks if check["passed"] == bool(check["shortfall"])]
     known = [check for check in checks if check["shortfall"] and not check["passed"]]
-    return "; ".join(map(_words, odd)), "; ".join(map(_words, known))
+    return (
+        name,
+        f"{held} of {len(checks)}",
+        "; ".join(map(_words, odd)),
+        "; ".join(f"{_words(check)}: {check['shortfall']}" for check in known),
+    )
 
 
 def _words(check: Mapping[str, Any]) -> str:
