@@ -100,6 +100,7 @@ def from_table(data: Mapping[str, Any], *, name: str = "aircraft file") -> Aircr
     Raises:
         AircraftFileError: a key is wrong.
     """
+    _refuse_unfilled(data, name)
     return _read_aircraft(Section(name, "", data, homes=KEYS))
 
 
@@ -119,6 +120,29 @@ def save(aircraft: Aircraft, path: Path | str) -> None:
         raise InputError(
             str(path), f"cannot be written ({error.strerror})", fix="choose a writable folder"
         ) from error
+
+
+UNFILLED = "?"
+"""What stands where only a person can know the number, in files that `init` wrote."""
+
+
+def _refuse_unfilled(data: Mapping[str, Any], name: str) -> None:
+    """Refuses a file in which something is still to be filled in, naming all of it at once."""
+    keys = [
+        f"{table}.{key}"
+        for table, content in data.items()
+        if isinstance(content, Mapping)
+        for key, value in content.items()
+        if value == UNFILLED
+    ]
+    if keys:
+        raise AircraftFileError(
+            name,
+            key=", ".join(keys),
+            found=f'"{UNFILLED}" still to be filled in',
+            allowed="numbers",
+            fix="the comment beside each tells the unit and how to measure it",
+        )
 
 
 def _read_aircraft(top: Section) -> Aircraft:

@@ -15,6 +15,7 @@ import click
 from gcs_sysid.cli import failures, numerics
 
 COMMANDS = (
+    "init",
     "inspect",
     "identify",
     "predict",

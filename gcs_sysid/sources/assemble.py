@@ -42,7 +42,7 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
         for key, table in log.tables.items()
         if (key.system, key.component) == (chosen.system, chosen.component)
     }
-    parameters = _parameters(own.get("PARAM_VALUE"))
+    parameters = _parameters(own.get("PARAM_VALUE"), chosen)
     split = _instances(own)
     clocked = clock.align(split)
     epoch_us = int(min(time.min() for time in clocked.time_us.values()))
@@ -188,12 +188,27 @@ def _hidden(stream: Stream, absent: list[str]) -> Stream:
     return replace(stream, channels=channels)
 
 
-def _parameters(table: MessageTable | None) -> dict[str, float]:
+_WHOLE = (
+    dialect.MAV_PARAM_TYPE_UINT8,
+    dialect.MAV_PARAM_TYPE_INT8,
+    dialect.MAV_PARAM_TYPE_UINT16,
+    dialect.MAV_PARAM_TYPE_INT16,
+    dialect.MAV_PARAM_TYPE_UINT32,
+    dialect.MAV_PARAM_TYPE_INT32,
+)
+
+
+def _parameters(table: MessageTable | None, vehicle: Vehicle) -> dict[str, float]:
     """Last value of each parameter."""
     if table is None:
         return {}
     names = messages.text(table.fields["param_id"])
-    values = table.fields["param_value"].astype(np.float64)
+    sent = table.fields["param_value"]
+    values = sent.astype(np.float64)
+    if vehicle.autopilot == "MAV_AUTOPILOT_PX4":
+        # Whole numbers go byte by byte in the float's place (mavlink.io, "Parameter Encoding").
+        whole = np.isin(table.fields["param_type"], _WHOLE)
+        values = np.where(whole, np.ascontiguousarray(sent).view("<i4"), values)
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 

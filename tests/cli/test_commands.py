@@ -35,9 +35,11 @@ def calls(monkeypatch, tmp_path):
                 progress("half way", 0.5)
             return SUMMARY
 
-        return types.SimpleNamespace(run=run, text=lambda _document: "streams")
+        return types.SimpleNamespace(
+            run=run, text=lambda _document: "streams", FILE="aircraft.toml"
+        )
 
-    for name in ("inspect", "identify", "predict", "evaluate"):
+    for name in ("init", "inspect", "identify", "predict", "evaluate"):
         monkeypatch.setattr(gcs_sysid.offline, name, stand_in(name), raising=False)
     monkeypatch.setattr(numerics, "enable", lambda: None)
     monkeypatch.setattr(reports, "write", lambda run, _summary, table: f"{run}: {table}")
@@ -53,6 +55,22 @@ def calls(monkeypatch, tmp_path):
         (tmp_path / file).touch()
     (tmp_path / "model").mkdir()
     return kept
+
+
+def test_init(calls, capsys):
+    assert entry.main(["init", "flight.tlog", "--vehicle", "3", "--out", "first"]) == 0
+    [(_, args, named)] = calls
+    assert args == (Path("flight.tlog"),)
+    assert named == {"vehicle": 3, "columns": None, "out": Path("first")}
+    assert capsys.readouterr().out == "streams\n"
+
+
+def test_init_never_overwrites_a_file_that_may_have_been_filled_in(calls, capsys):
+    Path("first").mkdir()
+    Path("first/aircraft.toml").touch()
+    assert entry.main(["init", "flight.tlog", "--out", "first"]) == 1
+    assert "exists" in capsys.readouterr().err
+    assert not calls
 
 
 def test_inspect(calls, capsys):
