@@ -13,11 +13,12 @@ import numpy as np
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.offline import envelope
+from gcs_sysid.offline.asking import ask
 from gcs_sysid.offline.documents import plain, write_json
 from gcs_sysid.offline.identifiability import Judgement, judge
 from gcs_sysid.offline.inspect_text import text as text
 from gcs_sysid.offline.maneuver_choice import chooser
-from gcs_sysid.offline.requirements import Requirements, ask, check
+from gcs_sysid.offline.requirements import Requirements, check
 from gcs_sysid.reconstruct import segment_file
 from gcs_sysid.reconstruct.airborne import Interval, airborne
 from gcs_sysid.reconstruct.control_history import control_history
@@ -197,5 +198,9 @@ def _next_flight(
     if "no flow vanes in gusts" in reasons:
         advice.append("fly in calm air (early morning), or fit flow vanes")
     if "go together" in reasons:
-        advice.append("move each surface on its own: switch mixing and turn coordination off")
+        mixed = recording.parameters.get("KFF_RDDRMIX", 0.0)
+        said = f" (KFF_RDDRMIX is {mixed:g}: set it to 0)" if mixed else ""
+        advice.append(
+            f"move each surface on its own: switch mixing and turn coordination off{said}"
+        )
     return advice

@@ -6,13 +6,13 @@ missing, why it matters, which message to ask the autopilot for and at which rat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs_sysid.aircraft import COEFFICIENTS, FORCES, Aircraft
 from gcs_sysid.errors import RefusedError
+from gcs_sysid.offline.asking import ask
 from gcs_sysid.offline.modes import AXES, Modes, axes_of, modes
 from gcs_sysid.reconstruct.airborne import Interval, airborne
 from gcs_sysid.reconstruct.control_history import SERVO_STREAM, control_history
@@ -26,29 +26,6 @@ from gcs_sysid.reconstruct.measurements import (
     VELOCITY_STREAMS,
 )
 from gcs_sysid.recording import NO_AUTOPILOT, Recording, Stream
-
-_GROUPS: Mapping[str, tuple[int, str]] = {
-    "RAW_IMU": (27, "SR0_RAW_SENS"),
-    "SCALED_PRESSURE": (29, "SR0_RAW_SENS"),
-    "ATTITUDE": (30, "SR0_EXTRA1"),
-    "GLOBAL_POSITION_INT": (33, "SR0_POSITION"),
-    "SERVO_OUTPUT_RAW": (36, "SR0_RC_CHAN"),
-    "VFR_HUD": (74, "SR0_EXTRA2"),
-    "AOA_SSA": (11020, "SR0_EXTRA1"),
-}
-"""MAVLink message number, and the ArduPilot parameter that sets its rate on the first link
-(ArduPlane 4.6, stream groups of GCS_Mavlink.cpp)."""
-_CHANNELS: Mapping[str, str] = {
-    "RAW_IMU": "acc_x to acc_z and p, q, r",
-    "SCALED_PRESSURE": "static_pressure",
-    "ATTITUDE": "roll, pitch, yaw",
-    "GLOBAL_POSITION_INT": "v_north, v_east, v_down",
-    "SERVO_OUTPUT_RAW": "each servo's pulse or surface's deflection",
-    "VFR_HUD": "airspeed",
-    "AOA_SSA": "alpha, beta",
-}
-"""What to log where a table takes the place of an autopilot's messages."""
-_PX4_NAMES: Mapping[str, str] = {"RAW_IMU": "HIGHRES_IMU", "SERVO_OUTPUT_RAW": "SERVO_OUTPUT_RAW_0"}
 
 
 @dataclass(frozen=True)
@@ -144,24 +121,6 @@ def check(recording: Recording, aircraft: Aircraft | None = None) -> Requirement
         source=recording.source,
         refusals=tuple(sorted(refusals, key=lambda finding: -len(finding.coefficients))),
         remarks=tuple(_remarks(recording, aircraft)),
-    )
-
-
-def ask(recording: Recording, message: str, rate: float) -> str:
-    """How to get a message at a rate [Hz] from this vehicle's autopilot."""
-    number, group = _GROUPS[message]
-    rate = max(1.0, float(np.ceil(rate)))
-    if recording.vehicle.autopilot == NO_AUTOPILOT:
-        return f"log {_CHANNELS[message]} at {rate:.0f} Hz and name the columns in the column map"
-    if "PX4" in recording.vehicle.autopilot:
-        name = _PX4_NAMES.get(message, message)
-        return (
-            f"ask PX4 for {name} at {rate:.0f} Hz (mavlink stream -d DEVICE -s {name} "
-            f"-r {rate:.0f}, and a MAV_0_RATE that carries it)"
-        )
-    return (
-        f"ask for {message} at {rate:.0f} Hz (ArduPilot: {group} = {rate:.0f}; any: "
-        f"SET_MESSAGE_INTERVAL for message {number}, {1e6 / rate:.0f} us)"
     )
 
 
@@ -352,8 +311,40 @@ def rate_in_flight(
     return max(rates)
 
 
+NEAR = 0.02
+"""Places of the inertial unit closer to each other than this [m] count as one."""
+
+
+def _unit_place(recording: Recording, aircraft: Aircraft) -> list[Finding]:
+    """Whether autopilot and aircraft file agree on where the inertial unit is.
+
+    ArduPilot gives velocity of the point from which INS_POS1_X, Y, Z are measured, and the file's
+    reader takes it as that of the centre of gravity. PX4's places are not compared.
+    """
+    told = [recording.parameters.get(f"INS_POS1_{axis}") for axis in "XYZ"]
+    place = np.array(aircraft.imu.position) - np.array(aircraft.mass.cg)
+    known = np.array([value for value in told if value is not None])
+    if known.size < 3 or np.linalg.norm(place - known) <= NEAR:
+        return []
+    written = ", ".join(f"{value:.2f}" for value in place)
+    fix = f"set INS_POS1_X, Y, Z = {written}, or mend `[imu] position` in the aircraft file"
+    if not known.any():
+        what = (
+            "INS_POS1_X, Y, Z are 0, so velocity in this log is that of the inertial unit, "
+            f"{np.linalg.norm(place):.2f} m from the centre of gravity by the aircraft file; it is "
+            "taken as that of the centre of gravity, and turning makes the difference"
+        )
+    else:
+        said = ", ".join(f"{value:.2f}" for value in known)
+        what = (
+            f"the autopilot has the inertial unit at {said} m from the centre of gravity "
+            f"(INS_POS1_X, Y, Z), the aircraft file at {written} m"
+        )
+    return [Finding((), what, fix)]
+
+
 def _remarks(recording: Recording, aircraft: Aircraft | None) -> list[Finding]:
-    found = []
+    found = [] if aircraft is None else _unit_place(recording, aircraft)
     if recording.parameters.get("ARSPD_TYPE") == 0.0:
         found.append(
             Finding(

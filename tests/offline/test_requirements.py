@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS
+from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS, Imu
 from gcs_sysid.errors import RefusedError
+from gcs_sysid.offline.asking import ask
 from gcs_sysid.offline.modes import AXES, DENSITY, axes_of, modes
-from gcs_sysid.offline.requirements import ask, check
+from gcs_sysid.offline.requirements import check
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.recording import NO_AUTOPILOT, Vehicle
 from tests.offline.made_aircraft import small
@@ -148,6 +149,39 @@ def test_each_autopilot_is_asked_in_its_own_words():
     px4 = replace(FLIGHT, vehicle=replace(FLIGHT.vehicle, autopilot="MAV_AUTOPILOT_PX4"))
     assert "-s HIGHRES_IMU -r 50" in ask(px4, "RAW_IMU", 50.0)
     assert "MAV_0_RATE" in ask(px4, "RAW_IMU", 50.0)
+
+
+def test_an_onboard_log_is_asked_for_by_its_own_parameters():
+    """Servo outputs come at 25 Hz in ArduPlane's log, so telemetry has to bring them."""
+    onboard = replace(FLIGHT, source="00000042.BIN")
+    assert "LOG_BITMASK = 1114111" in ask(onboard, "RAW_IMU", 50.0)
+    servos = ask(onboard, "SERVO_OUTPUT_RAW", 50.0)
+    assert servos.startswith("record telemetry beside the onboard log: ask for SERVO_OUTPUT_RAW")
+    px4 = replace(onboard, vehicle=replace(FLIGHT.vehicle, autopilot="MAV_AUTOPILOT_PX4"))
+    assert "SDLOG_PROFILE = 17" in ask(replace(px4, source="a.ulg"), "SERVO_OUTPUT_RAW", 50.0)
+
+
+def placed(told, position):
+    told = dict(zip(("INS_POS1_X", "INS_POS1_Y", "INS_POS1_Z"), told, strict=True))
+    aircraft = replace(small(), imu=Imu(position=position))
+    return check(replace(FLIGHT, parameters=told), aircraft).warnings
+
+
+def test_velocity_of_the_unit_instead_of_the_centre_of_gravity_is_warned_of():
+    """An ArduPilot whose INS_POS1 is zero gives the velocity of its own place."""
+    (warning,) = placed((0.0, 0.0, 0.0), (0.3, 0.0, -0.04))
+    assert "velocity in this log is that of the inertial unit, 0.30 m from" in warning
+    assert "set INS_POS1_X, Y, Z = 0.30, 0.00, -0.04" in warning
+
+
+def test_places_that_contradict_each_other_are_warned_of():
+    (warning,) = placed((0.1, 0.0, 0.0), (0.3, 0.0, 0.0))
+    assert "at 0.10, 0.00, 0.00 m from" in warning
+
+
+def test_places_that_agree_are_not():
+    assert placed((0.0, 0.0, 0.0), (0.01, 0.0, 0.0)) == ()
+    assert placed((0.3, 0.0, 0.0), (0.3, 0.0, 0.01)) == ()
 
 
 def test_the_modes_of_a_described_aircraft_are_those_of_its_linear_model():

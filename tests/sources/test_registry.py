@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -90,6 +91,17 @@ def test_parameters_and_texts(writer: type, save: Save) -> None:
     assert recording.parameters == {"ARSPD_RATIO": 2.0, "SIXTEEN_LETTERS_": -2.0}
     assert [text for _, text in recording.texts] == ["Throttle armed", "x" * 50]
     assert recording.texts[0][0] == pytest.approx(0.2, abs=0.01)
+
+
+def test_whole_parameters_of_a_px4_go_byte_by_byte(writer: type, save: Save) -> None:
+    """MAVLink's bytewise encoding: the float's bytes are those of the integer."""
+    log = writer().heartbeat(0, autopilot=dialect.MAV_AUTOPILOT_PX4)
+    whole = struct.unpack("<f", struct.pack("<i", -201))[0]
+    log.add(1000, "PARAM_VALUE", param_id=b"PWM_MAIN_FUNC1", param_value=whole, param_type=6)
+    log.add(2000, "PARAM_VALUE", param_id=b"FW_AIRSPD_MAX", param_value=25.5, param_type=9)
+    log.add(3000, "ATTITUDE", time_boot_ms=1)
+    found = open_recording(save(log.data)).parameters
+    assert found == {"PWM_MAIN_FUNC1": -201.0, "FW_AIRSPD_MAX": 25.5}
 
 
 def test_second_instances_have_their_own_stream(writer: type, save: Save) -> None:
