@@ -21,7 +21,7 @@ from gcs_sysid.live import document, warming
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents, identify
 from gcs_sysid.offline.identify import file_prior
-from gcs_sysid.sources.link import Link, LinkReader, Mailbox, now_us
+from gcs_sysid.sources.link import LinkReader, Mailbox, now_us, open_link
 from gcs_sysid.sources.recorder import Recorder
 from gcs_sysid.sources.stream import FrameStream
 
@@ -183,7 +183,7 @@ def run(
     station = Station(aircraft, compiled, prior=believed, vehicle=vehicle, clock_us=clock.us)
     mailbox = Mailbox()
     publish = _publisher(out / LIVE, show)
-    with Link(link) as opened, Recorder(out / RECORDING, append=resume) as recorder:
+    with open_link(link) as opened, Recorder(out / RECORDING, append=resume) as recorder:
         session = Session(
             link,
             mailbox=mailbox,

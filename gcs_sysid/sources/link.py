@@ -18,6 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 from pymavlink import mavutil
 
 from gcs_sysid.errors import SourceError
+from gcs_sysid.sources import adapters
 
 SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
 """Beginnings of link addresses; a serial device is a path: /dev/ttyUSB0,57600 or COM3,57600."""
@@ -129,7 +130,8 @@ def _open(address: str) -> _Port:
         raise SourceError(
             address,
             "is neither a link nor a serial device",
-            fix=f"begin with one of {', '.join(SCHEMES)}, or give a path as /dev/ttyUSB0,57600",
+            fix=f"begin with one of {', '.join(adapters.names('links'))}, or give a path as "
+            "/dev/ttyUSB0,57600",
         )
     if address.startswith(SCHEMES) and not _HOST_AND_PORT.fullmatch(address.partition(":")[2]):
         raise SourceError(
@@ -206,6 +208,46 @@ class Mailbox:
         return self._closed
 
 
+@runtime_checkable
+class AnyLink(Protocol):
+    """What a link of any kind does."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """What arrived, waiting for it up to `timeout_s`; empty if nothing did."""
+        ...
+
+    def close(self) -> None:
+        """Ends the link."""
+        ...
+
+    def __enter__(self) -> AnyLink:
+        """The link itself."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the link."""
+        ...
+
+
+def open_link(address: str) -> AnyLink:
+    """Opens a link by the kind that its address begins with.
+
+    Raises:
+        SourceError: the address is malformed, the link cannot be opened, or a package that it
+            needs is not installed.
+    """
+    own = (name for name in adapters.names("links") if address.startswith(name))
+    name = next(own, None)
+    if name is None or name in SCHEMES:
+        return Link(address)
+    return adapters.load("links", name, asked=address)(address)
+
+
 class LinkReader:
     """Reads a link in its own thread into a mailbox. Use as a context.
 
@@ -216,7 +258,7 @@ class LinkReader:
     """
 
     def __init__(
-        self, link: Link, mailbox: Mailbox, *, clock_us: Callable[[], int] = now_us
+        self, link: AnyLink, mailbox: Mailbox, *, clock_us: Callable[[], int] = now_us
     ) -> None:
         self._link = link
         self._mailbox = mailbox

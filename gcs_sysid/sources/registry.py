@@ -1,29 +1,21 @@
 """Opens a log by the format its name promises.
 
-Formats are registered by name and imported when a log of theirs is opened.
+Formats are registered by name in `adapters` and imported when a log of theirs is opened.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from gcs_sysid.errors import SourceError
 from gcs_sysid.recording import Recording
+from gcs_sysid.sources import adapters
 
 Progress = Callable[[float], None]
 
-_LOGS: Mapping[str, str] = {
-    ".tlog": "gcs_sysid.sources.tlog",
-    ".bin": "gcs_sysid.sources.dataflash.recording",
-    ".log": "gcs_sysid.sources.dataflash.recording",
-    ".ulg": "gcs_sysid.sources.ulog.recording",
-}
-"""File name ending -> module whose `open_log` reads such a log."""
 _TABLES = (".csv", ".parquet", ".mat")
-SUFFIXES = (*_LOGS, *_TABLES)
-"""Endings of the names of all files that can be opened."""
 
 
 def open_recording(
@@ -53,11 +45,11 @@ def open_recording(
     if suffix in _TABLES:
         table = importlib.import_module("gcs_sysid.sources.table")
         return table.recording(path, columns=columns, vehicle=vehicle)
-    if suffix not in _LOGS:
+    if suffix not in adapters.names("logs"):
         raise SourceError(
             str(path),
             f"unknown kind of log `{path.suffix or path.name}`",
-            fix=f"give one of {', '.join(SUFFIXES)}",
+            fix=f"give one of {', '.join((*adapters.names('logs'), *_TABLES))}",
         )
-    module = importlib.import_module(_LOGS[suffix])
+    module = adapters.load("logs", suffix, asked=str(path))
     return module.open_log(path, vehicle=vehicle, progress=progress)

@@ -51,8 +51,8 @@ def command(
 ) -> None:
     """Listen to a live LINK: record it, and learn while it flies.
 
-    LINK is udp:HOST:PORT, tcp:HOST:PORT, or a serial device as /dev/ttyUSB0,57600. Every frame goes
-    to recording.tlog at once; states, coefficients and a first model are shown once a second and
+    LINK is udp:HOST:PORT, tcp:HOST:PORT, a serial device as /dev/ttyUSB0,57600, or
+    mavsdk:udpin://HOST:PORT. Every frame goes to recording.tlog at once; states, coefficients and a first model are shown once a second and
     written to live.json. When the link falls quiet, or at Ctrl-C, the recording is identified.
     """
     from gcs_sysid.live import listen
