@@ -1,10 +1,18 @@
 """Choice of a model's terms by the data: from the usual ones, forward with a backward check.
 
 Starting from nothing would never find the roll of a well damped aircraft: rate and aileron cancel,
-and neither explains anything without the other. A term enters when its partial F, on as many
-samples as are independent, exceeds `ENTER` and it explains at least `LEAST_GAIN` of the variation;
-one whose F has fallen below `LEAVE` goes (Klein & Morelli 2006, section 5.4, with the effective
-sample size in place of the raw one: coloured residuals otherwise let in false terms).
+and neither explains anything without the other. A term enters when the evidence for it exceeds
+`ENTER` and it explains at least `LEAST_GAIN` of the variation; one for which it has fallen below
+`LEAVE` goes.
+
+The evidence is the logarithm of a Bayes factor: of k terms on n independent samples that leave the
+mean square s²,
+
+    ln p(data | terms) = −(n/2) ln s² − (k/2) ln n + constant,
+
+the prior of each term being worth one independent sample (Schwarz, *Ann. Statist.* 6, 1978, p. 461;
+Kass & Wasserman, *JASA* 90, 1995, p. 928). Residuals are coloured, so that n is far less than the
+number of samples; with that number false terms get in.
 """
 
 from __future__ import annotations
@@ -22,8 +30,11 @@ from gcs_sysid.estimate import equation_error
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.equation_error import Problem
 
-ENTER = 20.0
-LEAVE = 10.0
+ENTER = 5.0
+"""Logarithm of the Bayes factor from which a term is taken in: 2 ln B > 10, "very strong" (Kass &
+Raftery, *JASA* 90, 1995, p. 777)."""
+LEAVE = 1.0
+"""Below this a term is no better than none: "not worth more than a bare mention" there."""
 LEAST_GAIN = 0.005
 MOTION = ("alpha", "beta", "phat", "qhat", "rhat")
 
@@ -66,7 +77,7 @@ def _select(everything: Problem, usual: int) -> tuple[str, ...]:
         tried = {index: _remainder(everything, [*chosen, index])[0] for index in left}
         best = min(tried, key=lambda index: tried[index])
         gain = (base - tried[best]) / float(np.var(everything.measured))
-        if _partial_f(base, tried[best], independent, len(chosen) + 1) < ENTER or gain < LEAST_GAIN:
+        if evidence(base, tried[best], independent) < ENTER or gain < LEAST_GAIN:
             break
         chosen = _pruned(everything, [*chosen, best], {constant, best})
     return tuple(everything.keys[index] for index in sorted(chosen))
@@ -78,11 +89,10 @@ def _pruned(everything: Problem, chosen: Sequence[int], safe: Collection[int]) -
     while True:
         full, independent = _remainder(everything, kept)
         strength = {
-            index: _partial_f(
+            index: evidence(
                 _remainder(everything, [item for item in kept if item != index])[0],
                 full,
                 independent,
-                len(kept),
             )
             for index in kept
             if index not in safe
@@ -93,8 +103,15 @@ def _pruned(everything: Problem, chosen: Sequence[int], safe: Collection[int]) -
         kept.remove(weakest)
 
 
-def _partial_f(larger: float, smaller: float, independent: float, terms: int) -> float:
-    return (larger - smaller) / smaller * max(independent - terms, 1.0)
+def evidence(without: float, with_it: float, independent: float) -> float:
+    """Logarithm of the Bayes factor for one more term.
+
+    Args:
+        without: mean squared residual of the model without it.
+        with_it: of the model with it.
+        independent: samples that are independent of each other.
+    """
+    return 0.5 * independent * float(np.log(without / with_it)) - 0.5 * float(np.log(independent))
 
 
 def _remainder(everything: Problem, chosen: Sequence[int]) -> tuple[float, float]:

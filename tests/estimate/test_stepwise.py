@@ -30,7 +30,7 @@ def test_the_true_terms_are_found_in_coloured_noise(seed: int) -> None:
 def test_coloured_noise_lets_few_false_terms_in() -> None:
     """20 flights, each with 14 terms that are not there: fewer than one false term in ten flights.
 
-    A partial F on the raw number of samples, as textbooks have it, would let in ten times as many.
+    On the raw number of samples, as textbooks have it, ten times as many would get in.
     """
     entries, offered = false_entries(TRUE, seeds=range(20), noise=0.02, memory=0.95)
     assert offered == 20 * 14
@@ -73,3 +73,30 @@ def test_candidates_are_all_linear_terms_squares_and_products_with_alpha() -> No
         "alpha", "beta", "phat", "qhat", "rhat", "flap", "alpha^2", "beta^2",
         "alpha*beta", "alpha*phat", "alpha*qhat", "alpha*rhat", "alpha*flap",
     }  # fmt: skip
+
+
+def test_evidence_is_the_bayes_factor_of_two_linear_models() -> None:
+    """Against the marginal likelihood in closed form, the prior of the term worth one sample.
+
+    Residual variance known: y ~ N(0, s² I) against N(0, s² (I + n x xᵀ/xᵀx)).
+    """
+    generator = np.random.default_rng(11)
+    count, noise = 4000, 0.3
+    column = generator.standard_normal(count)
+    for slope in (0.0, 0.01, 0.03):
+        measured = slope * column + noise * generator.standard_normal(count)
+        size = float(column @ column)
+        best = float(column @ measured) / size
+        left = measured - best * column
+        exact = 0.5 * best**2 * size * count / (count + 1) / noise**2 - 0.5 * np.log(count + 1.0)
+        found = stepwise.evidence(
+            float(np.mean(measured**2)), float(np.mean(left**2)), float(count)
+        )
+        assert found == pytest.approx(exact, abs=0.05 * abs(exact) + 0.1)
+
+
+def test_a_term_that_is_weak_but_there_has_evidence_that_grows_with_the_flight() -> None:
+    one = stepwise.evidence(1.0, 0.98, 300.0)
+    four = stepwise.evidence(1.0, 0.98, 1200.0)
+    assert one < stepwise.ENTER < four
+    assert stepwise.evidence(1.0, 1.0, 1200.0) < 0.0
