@@ -23,6 +23,7 @@ from gcs_sysid.offline import documents, identify
 from gcs_sysid.offline.identify import file_prior
 from gcs_sysid.sources.link import LinkReader, Mailbox, now_us, open_link
 from gcs_sysid.sources.recorder import Recorder
+from gcs_sysid.sources.signing import Signatures, load_key
 from gcs_sysid.sources.stream import FrameStream
 
 RECORDING, LIVE = "recording.tlog", "live.json"
@@ -72,6 +73,7 @@ class Session:
         station: what is made of it.
         publish: gets the live document once a second.
         clock: time.
+        signatures: lets frames with a good signature through only; None lets all through.
     """
 
     def __init__(
@@ -83,6 +85,7 @@ class Session:
         station: Station,
         publish: Show,
         clock: Clock,
+        signatures: Signatures | None = None,
     ) -> None:
         self._link = link
         self._mailbox = mailbox
@@ -90,7 +93,7 @@ class Session:
         self._station = station
         self._publish = publish
         self._clock = clock
-        self._frames = FrameStream()
+        self._frames = FrameStream(signatures=signatures)
         self._opened = self._published = clock.seconds()
         self._heard: float | None = None
         self.ready = threading.Event()
@@ -159,6 +162,7 @@ def run(
     out: Path,
     show: Show,
     stopped: Callable[[], bool],
+    sign_key: Path | None = None,
     clock: Clock = Clock(),
 ) -> Ending:
     """Listens until the link falls quiet, is closed, or the user has enough.
@@ -173,6 +177,7 @@ def run(
         out: existing folder for `recording.tlog` and `live.json`.
         show: gets the live document once a second; when it fails, listening goes on without.
         stopped: whether the user wants to end.
+        sign_key: file with the secret key; frames without a good signature are then left out.
         clock: time.
 
     Raises:
@@ -183,6 +188,7 @@ def run(
     station = Station(aircraft, compiled, prior=believed, vehicle=vehicle, clock_us=clock.us)
     mailbox = Mailbox()
     publish = _publisher(out / LIVE, show)
+    signatures = Signatures(load_key(sign_key)) if sign_key is not None else None
     with open_link(link) as opened, Recorder(out / RECORDING, append=resume) as recorder:
         session = Session(
             link,
@@ -191,6 +197,7 @@ def run(
             station=station,
             publish=publish,
             clock=clock,
+            signatures=signatures,
         )
         with (
             LinkReader(opened, mailbox, clock_us=clock.us) as reader,

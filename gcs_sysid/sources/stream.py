@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gcs_sysid.sources.decode import decode
 from gcs_sysid.sources.frames import Bytes, Found, Frames, search
+from gcs_sysid.sources.signing import Signatures
 from gcs_sysid.sources.tables import MessageTable, TableKey
 
 
@@ -45,16 +46,20 @@ class FrameStream:
     """Cuts a stream of bytes into frames, however it is cut into pieces.
 
     Not for log files: a frame that the end of the input cut is awaited, not counted.
+
+    Args:
+        signatures: lets frames with a good signature through only; None lets all through.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, signatures: Signatures | None = None) -> None:
         self._rest = b""
+        self._signatures = signatures
         self._lost = {"bad_crc": 0, "unknown": 0, "garbage_bytes": 0}
 
     @property
     def lost(self) -> Mapping[str, int]:
         """What could not be used so far, counted by reason."""
-        return dict(self._lost)
+        return self._lost | (self._signatures.lost if self._signatures is not None else {})
 
     def feed(self, data: bytes, link_us: int) -> Batch:
         """The frames that `data` completes.
@@ -69,4 +74,10 @@ class FrameStream:
         self._lost["bad_crc"] += found.bad_crc
         self._lost["unknown"] += found.unknown.start.size
         self._lost["garbage_bytes"] += found.garbage_bytes
+        if self._signatures is not None:
+            found = replace(
+                found,
+                frames=found.frames[self._signatures.good(content, found.frames)],
+                unknown=found.unknown[self._signatures.good(content, found.unknown)],
+            )
         return Batch(content, found, link_us)

@@ -33,6 +33,10 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html", "live.json"
     show_default=True, help="The flight is over when the link was silent for so many seconds.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Continue the recording that the folder holds.")
+@click.option(
+    "--sign-key", metavar="FILE", type=options.Existing("file"),
+    help="Take signed MAVLink only; FILE holds the key: 32 bytes, 64 hex digits or a passphrase.",
+)  # fmt: skip
 @options.vehicle
 @click.option(
     "--out", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
@@ -45,6 +49,7 @@ def command(
     prior: Literal["file", "none"],
     quiet_after: float,
     resume: bool,
+    sign_key: Path | None,
     vehicle: int | None,
     out: Path | None,
     as_json: bool,
@@ -52,8 +57,9 @@ def command(
     """Listen to a live LINK: record it, and learn while it flies.
 
     LINK is udp:HOST:PORT, tcp:HOST:PORT, a serial device as /dev/ttyUSB0,57600, or
-    mavsdk:udpin://HOST:PORT. Every frame goes to recording.tlog at once; states, coefficients and a first model are shown once a second and
-    written to live.json. When the link falls quiet, or at Ctrl-C, the recording is identified.
+    mavsdk:udpin://HOST:PORT. Every frame goes to recording.tlog at once; states, coefficients and a
+    first model are shown once a second and written to live.json. When the link falls quiet, or at
+    Ctrl-C, the recording is identified.
     """
     from gcs_sysid.live import listen
 
@@ -70,6 +76,7 @@ def command(
                 vehicle=vehicle,
                 quiet_after=quiet_after,
                 resume=resume,
+                sign_key=sign_key,
                 out=destination,
                 show=show,
                 stopped=stopped,
