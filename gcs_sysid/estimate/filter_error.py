@@ -29,7 +29,13 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
 from gcs_sysid.reconstruct import aided_smoother
-from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel, Smoothed, positive
+from gcs_sysid.reconstruct.aided_smoother import (
+    Beginning,
+    Chunk,
+    FlightModel,
+    Smoothed,
+    positive,
+)
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 LONGEST_LOG_STEP = 0.5
@@ -64,7 +70,12 @@ class Stage(NamedTuple):
 
 STAGES = (
     Stage(("accelerometer_bias",), False, 6, 100.0),
-    Stage(("accelerometer_bias", "gyro_bias", "surface_delay", "attitude_delay"), True, 12, 5.0),
+    Stage(
+        ("accelerometer_bias", "gyro_bias", "surface_delay", "moment_lag", "attitude_delay"),
+        True,
+        12,
+        5.0,
+    ),
     Stage(aided.Sensors._fields, True, 15, 0.3),
 )
 
@@ -83,12 +94,12 @@ class Flight:
     Attributes:
         rows: samples.
         nominal: first guess of the states, one a row.
-        start: belief about the deviation from it before the first row.
+        beginning: belief about the state before the first row.
     """
 
     rows: Row
     nominal: State
-    start: Belief
+    beginning: Beginning
 
 
 @dataclass(frozen=True)
@@ -124,6 +135,7 @@ class _Point(NamedTuple):
     values: Float[np.ndarray, " parameter"]
     nominal: State
     chunks: list[Chunk]
+    start: Belief
     objective: float
 
 
@@ -262,18 +274,19 @@ class _Problem:
         """The point at `values`, the flight smoothed from another's."""
         means, logs = self.unknowns(values)
         nominal, _ = aided_smoother.iterated(
-            self.model, means, logs, self.flight.rows, nominal, self.flight.start, rounds=rounds
+            self.model, means, logs, self.flight.rows, nominal, self.flight.beginning, rounds=rounds
         )
         chunks = aided_smoother.chunks(self.flight.rows, nominal)
-        density = aided_smoother.log_likelihood(self.model, means, logs, chunks, self.flight.start)
+        start = aided_smoother.belief(self.flight.beginning, chunks)
+        density = aided_smoother.log_likelihood(self.model, means, logs, chunks, start)
         away = values - self._prior
         penalty = 0.5 * float(np.sum(self._weight * away**2))
-        return _Point(values, nominal, chunks, penalty - density)
+        return _Point(values, nominal, chunks, start, penalty - density)
 
     def slope(self, point: _Point) -> Float[np.ndarray, " parameter"]:
         """Gradient of the objective."""
         means, logs = self.unknowns(point.values)
-        parts = aided_smoother.gradient(self.model, means, logs, point.chunks, self.flight.start)
+        parts = aided_smoother.gradient(self.model, means, logs, point.chunks, point.start)
         return self._weight * (point.values - self._prior) - self.flat(Unknowns(*parts))
 
     def curvature(
@@ -284,7 +297,7 @@ class _Problem:
         total = np.diag(self._weight)
         count = self.mean_count
         total[:count, :count] += aided_smoother.information(
-            self.model, means, logs, point.chunks, self.flight.start
+            self.model, means, logs, point.chunks, point.start, air_known=not intensities
         )
         if intensities:
             total[count:, count:] += self._noise_information(means, logs, point.chunks)
@@ -298,7 +311,7 @@ class _Problem:
         matrix = noise_information(
             ravel_pytree(logs)[0],
             self._unravel_noise,
-            self.flight.start.covariance,
+            self.flight.beginning.covariance,
             rows,
             chunk.row.step,
         )
@@ -336,7 +349,7 @@ class _Problem:
             *unknowns,
             self.flight.rows,
             point.nominal,
-            self.flight.start,
+            self.flight.beginning,
             rounds=1,
         )
         curvature = self.curvature(point, intensities=True)
@@ -413,8 +426,7 @@ def noise_information(
             before: Float[Array, "state state"], item: tuple[Linearised, Float[Array, ""]]
         ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
             row, length = item
-            factor = aided.process_factor(row.transition, noise)
-            process = (factor * aided.process_variance(length, noise)[None, :]) @ factor.T
+            process = aided.process(row.transition, length, noise)
             predicted = row.transition @ before @ row.transition.T + process
             seen = row.sensitivity @ predicted
             spread = seen @ row.sensitivity.T + jnp.diag(jnp.where(row.present, white, 1.0))

@@ -5,7 +5,7 @@ are *measurements* of a motion that aerodynamics, thrust and gusts bring about. 
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, the air of `air`,
-and the slow error of the attitude source. The error state has 21 rows (`BLOCKS`), additive but for
+and the slow error of the attitude source. The error state has 22 rows (`BLOCKS`), additive but for
 the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the equations are those
 of `rigid_body`; a sensor at r from the centre of gravity feels
 
@@ -40,9 +40,10 @@ BLOCKS: dict[str, slice] = {
     "gust": slice(12, 15),
     "spin": slice(15, 18),
     "attitude_error": slice(18, 21),
+    "push": slice(21, 22),
 }
 """Where each part of the error state lies."""
-SIZE = 21
+SIZE = 22
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
     "accelerometer": slice(3, 6),
@@ -55,6 +56,8 @@ ROWS: dict[str, slice] = {
 ROW_COUNT = 15
 ATTITUDE_ERROR_TIME = 20.0
 """Correlation time of an autopilot's attitude error [s]."""
+PUSH_TIME = 2.0
+"""Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
 
 class State(NamedTuple):
@@ -63,9 +66,10 @@ class State(NamedTuple):
     Attributes:
         attitude: quaternion, body to NED.
         velocity: of the centre of gravity over ground, NED [m/s].
-        rate: inertial, body axes [rad/s].
+        rate: inertial, body axes, as it would be if moments did not lag [rad/s].
         air: the moving air.
         attitude_error: by which the attitude source is turned, level axes [rad].
+        push: acceleration along x that the thrust maps do not know [m/s²].
     """
 
     attitude: Float[Array, "*batch four"]
@@ -73,6 +77,7 @@ class State(NamedTuple):
     rate: Float[Array, "*batch axis"]
     air: Air
     attitude_error: Float[Array, "*batch axis"]
+    push: Float[Array, "*batch one"]
 
 
 class Sensors(NamedTuple):
@@ -85,6 +90,8 @@ class Sensors(NamedTuple):
         vane_bias: of angle of attack and sideslip [rad].
         vane_scale: likewise [1].
         surface_delay: of the surfaces behind the servo commands as given [s].
+        moment_lag: of the aerodynamic moments behind the motion that causes them: the wake of a
+            real wing, the step of a simulation [s].
         airspeed_delay: how long before its stamp a sample describes the aircraft [s].
         velocity_delay: likewise.
         attitude_delay: likewise.
@@ -97,6 +104,7 @@ class Sensors(NamedTuple):
     vane_bias: Float[Array, " two"]
     vane_scale: Float[Array, " two"]
     surface_delay: Float[Array, ""]
+    moment_lag: Float[Array, ""]
     airspeed_delay: Float[Array, ""]
     velocity_delay: Float[Array, ""]
     attitude_delay: Float[Array, ""]
@@ -118,6 +126,7 @@ class Noise(NamedTuple):
         force: white noise of the acceleration [m/s²/√Hz].
         moment: of the angular acceleration about each axis [rad/s²/√Hz].
         attitude_error: slow error of the attitude source, tilt and heading [rad].
+        push: error of the thrust maps [m/s²].
         gyro: white noise of a sample [rad/s].
         accelerometer: likewise [m/s²].
         airspeed: likewise [m/s].
@@ -130,6 +139,7 @@ class Noise(NamedTuple):
     force: Float[Array, ""]
     moment: Float[Array, " axis"]
     attitude_error: Float[Array, " two"]
+    push: Float[Array, ""]
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
     airspeed: Float[Array, ""]
@@ -195,6 +205,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
             moving.spin + error[BLOCKS["spin"]],
         ),
         state.attitude_error + error[BLOCKS["attitude_error"]],
+        state.push + error[BLOCKS["push"]],
     )
 
 
@@ -210,6 +221,7 @@ def difference(first: State, second: State) -> Float[Array, " state"]:
             first.air.gust - second.air.gust,
             first.air.spin - second.air.spin,
             first.attitude_error - second.attitude_error,
+            first.push - second.push,
         ]
     )
 
@@ -233,6 +245,28 @@ def _inputs(
     return values, motion, acting
 
 
+def _change(
+    aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
+) -> tuple[rigid_body.State, Float[Array, " axis"]]:
+    """Rate of change of the motion, and the rate at which the aircraft turns.
+
+    With moments that lag by τ it turns at ω(t) = ω̃(t − τ) ≈ ω̃ − τ dω̃/dt, where ω̃ is the state: the
+    integral of the moments. It is ω that damps and that turns the axes. Two rounds find it to
+    (τ/T)² of a mode of time constant T.
+    """
+    values, motion, acting = _inputs(aircraft, means, state, row, when)
+
+    def turned(rate: Float[Array, " axis"], _: None) -> tuple[Array, rigid_body.State]:
+        change = rigid_body.derivative(aircraft, values, motion._replace(rate=rate), acting)
+        return state.rate - means.sensors.moment_lag * change.rate, change
+
+    # A loop, so that the equations are compiled once.
+    rate, changes = jax.lax.scan(turned, state.rate, None, length=2)
+    change = jax.tree.map(lambda part: part[-1], changes)
+    ahead = frames.rotate(state.attitude, jnp.pad(state.push, (0, 2)))
+    return change._replace(velocity=change.velocity + ahead), rate
+
+
 def _slope(
     aircraft: Aircraft,
     means: Means,
@@ -241,11 +275,14 @@ def _slope(
     row: Row,
     when: Int[Array, ""] | int,
 ) -> State:
-    values, motion, acting = _inputs(aircraft, means, state, row, when)
-    change = rigid_body.derivative(aircraft, values, motion, acting)
-    slow = -state.attitude_error / ATTITUDE_ERROR_TIME
+    change, _ = _change(aircraft, means, state, row, when)
     return State(
-        change.attitude, change.velocity, change.rate, air.drift(state.air, turbulence), slow
+        change.attitude,
+        change.velocity,
+        change.rate,
+        air.drift(state.air, turbulence),
+        -state.attitude_error / ATTITUDE_ERROR_TIME,
+        -state.push / PUSH_TIME,
     )
 
 
@@ -266,24 +303,23 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     """Measured minus expected; rows of absent sensors are meaningless."""
     errors = means.sensors
     centre = np.array(aircraft.mass.cg)
-    values, motion, acting = _inputs(aircraft, means, state, row, 2)
-    change = rigid_body.derivative(aircraft, values, motion, acting)
+    change, rate = _change(aircraft, means, state, row, 2)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     force = frames.unrotate(state.attitude, change.velocity - gravity)
     unit = jnp.asarray(np.array(aircraft.imu.position) - centre)
-    turning = frames.cross(state.rate, frames.cross(state.rate, unit))
+    turning = frames.cross(rate, frames.cross(rate, unit))
     felt = force + frames.cross(change.rate, unit) + turning
 
     def shifted(group: int, delay: Float[Array, ""]) -> State:
         by = row.measured.age[group] - delay
         return state._replace(
-            attitude=frames.multiply(state.attitude, frames.exponential(by * state.rate)),
+            attitude=frames.multiply(state.attitude, frames.exponential(by * rate)),
             velocity=state.velocity + by * change.velocity,
         )
 
     def flow(at: State, lever: Float[np.ndarray, " axis"]) -> tuple[Array, Array, Array]:
         through = frames.unrotate(at.attitude, at.velocity - at.air.wind - at.air.gust)
-        return frames.flow_angles(through + frames.cross(at.rate, jnp.asarray(lever)))
+        return frames.flow_angles(through + frames.cross(rate, jnp.asarray(lever)))
 
     speed, _, _ = flow(
         shifted(0, errors.airspeed_delay), np.array(aircraft.pitot.position) - centre
@@ -295,7 +331,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     _, alpha, beta = flow(shifted(3, errors.vane_delay), np.array(vanes) - centre)
     return jnp.concatenate(
         [
-            row.gyro - state.rate - errors.gyro_bias,
+            row.gyro - rate - errors.gyro_bias,
             row.accelerometer - felt - errors.accelerometer_bias,
             row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
             row.measured.velocity - tracked.velocity,
@@ -337,31 +373,36 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
     return deviation**2
 
 
-def process_factor(
-    transition: Float[Array, "state state"], noise: Noise
+def process(
+    transition: Float[Array, "state state"], step: Float[Array, ""], noise: Noise
 ) -> Float[Array, "state state"]:
-    """Φ(dt/2) Γ, by which a step's noise reaches its end.
+    """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds.
 
-    White noise spread over a step is treated as acting in its middle, with Φ(dt/2) ≈ (I + Φ)/2;
-    Γ lets changes of the gust turn the air as well.
+    By Simpson's rule, with Φ(dt/2) from the series of the root of Φ. A gust that arrives early in
+    the step has moved the aircraft by its end, one that arrives late has not: taken as arriving
+    together they would tell the filter what no sensor can know.
     """
-    shape = (
-        jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(air.coupling_matrix(noise.turbulence))
-    )
-    return 0.5 * (jnp.eye(SIZE) + transition) @ shape
+    unit = jnp.eye(SIZE)
+    change = transition - unit
+    root = unit + change @ (unit / 2.0 - change @ (unit / 8.0 - change / 16.0))
+    coupling = air.coupling_matrix(noise.turbulence)
+    shape = jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(coupling)
+    late = (shape * process_density(noise)[None, :]) @ shape.T
+    middle, early = root @ late @ root.T, transition @ late @ transition.T
+    return step / 6.0 * (late + 4.0 * middle + early)
 
 
-def process_variance(step: Float[Array, ""], noise: Noise) -> Float[Array, " state"]:
-    """Variance that enters during a step, before `process_factor`."""
+def process_density(noise: Noise) -> Float[Array, " state"]:
+    """Spectral density of each state's white noise, before gusts turn the air as well."""
     tilt, heading = noise.attitude_error
-    slow = 1.0 - jnp.exp(-2.0 * step / ATTITUDE_ERROR_TIME)
     return jnp.concatenate(
         [
             jnp.zeros(3),
-            jnp.full(3, 1.0) * noise.force**2 * step,
-            noise.moment**2 * step,
-            air.variance(noise.turbulence, step),
-            jnp.stack([tilt, tilt, heading]) ** 2 * slow,
+            jnp.full(3, 1.0) * noise.force**2,
+            noise.moment**2,
+            air.density(noise.turbulence),
+            jnp.stack([tilt, tilt, heading]) ** 2 * (2.0 / ATTITUDE_ERROR_TIME),
+            noise.push[None] ** 2 * (2.0 / PUSH_TIME),
         ]
     )
 
@@ -393,11 +434,10 @@ def linearise(
     transition, offset = jax.jacfwd(ahead, has_aux=True)(zero)
     sensitivity, residual = jax.jacfwd(seen, has_aux=True)(zero)
     present = present_rows(row)
-    factor = process_factor(transition, noise)
     return Linearised(
         transition=transition,
         offset=offset,
-        process=(factor * process_variance(row.step, noise)[None, :]) @ factor.T,
+        process=process(transition, row.step, noise),
         sensitivity=jnp.where(present[:, None], -sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

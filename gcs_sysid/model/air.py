@@ -65,22 +65,14 @@ def drift(air: Air, turbulence: Turbulence) -> Air:
     return Air(jnp.zeros(3), gust, spin)
 
 
-def variance(turbulence: Turbulence, step: Float[Array, ""]) -> Float[Array, " nine"]:
-    """Variance that a step adds to wind, gust and spin, before the coupling is applied.
+def density(turbulence: Turbulence) -> Float[Array, " nine"]:
+    """Spectral density of the white noise that drives wind, gust and spin: 2 σ²/T.
 
-    Exact for the gust; σ² (1 − exp(−2 dt/T)).
+    Without the part of the spin that comes with the gust.
     """
-
-    def added(deviation: Float[Array, " two"], time: Float[Array, " two"]) -> Float[Array, " axis"]:
-        return _axes(deviation**2 * (1.0 - jnp.exp(-2.0 * step / time)))
-
-    return jnp.concatenate(
-        [
-            jnp.full(3, WIND_DRIFT**2) * step,
-            added(turbulence.gust, turbulence.gust_time),
-            added(turbulence.spin, turbulence.spin_time),
-        ]
-    )
+    gust = 2.0 * turbulence.gust**2 / turbulence.gust_time
+    spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
+    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), _axes(gust), _axes(spin)])
 
 
 def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:

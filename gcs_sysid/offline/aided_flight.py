@@ -18,7 +18,7 @@ from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
 from gcs_sysid.offline.flight import SERVO_STREAM, control_channels, pulses, setting
-from gcs_sysid.reconstruct.linear_filter import Belief
+from gcs_sysid.reconstruct.aided_smoother import Beginning
 from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.reconstruction import Reconstruction
 from gcs_sysid.recording import Recording
@@ -33,8 +33,19 @@ SPIN = 0.06
 SPIN_TIME = (0.2, 0.12)
 UNMODELLED = 0.05
 """First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
+MOMENT_LAG = 0.01
+"""One standard deviation [s]: a chord or two of flight."""
+THRUST_ERROR = 0.1
+"""First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
 START_DEVIATION = np.array(
-    [0.03] * 3 + [1.0] * 3 + [0.1] * 3 + [2.0, 2.0, 0.5] + [1.0] * 3 + [0.06] * 3 + [0.01] * 3
+    [0.03] * 3
+    + [1.0] * 3
+    + [0.1] * 3
+    + [2.0, 2.0, 0.5]
+    + [1.0] * 3
+    + [0.06] * 3
+    + [0.01] * 3
+    + [0.1]
 )
 """Of the first state, in the order of `aided.BLOCKS`."""
 
@@ -58,7 +69,9 @@ def prepare(recording: Recording, aircraft: Aircraft, states: Reconstruction) ->
         inertial=_flags(kept, time.size),
         measured=_measured(data, kept, time.size),
     )
-    return Flight(rows, _nominal(states, time), _start())
+    nominal = _nominal(states, time)
+    first = jax.tree.map(lambda part: part[0], nominal)
+    return Flight(rows, nominal, Beginning(first, jnp.diag(jnp.asarray(START_DEVIATION) ** 2)))
 
 
 def kept_rows(states: Reconstruction) -> np.ndarray:
@@ -94,7 +107,8 @@ def first_unknowns(
     force = np.median(states.block("accelerometer_bias"), axis=0)
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     sensors = Sensors(
-        jnp.asarray(bias), jnp.asarray(force), zero, pair, pair, zero, zero, zero, zero, zero
+        *(jnp.asarray(bias), jnp.asarray(force), zero, pair, pair),
+        *(zero, zero, zero, zero, zero, zero),
     )
     return Unknowns(Means(aerodynamics, sensors), _first_noise(flight.rows, states))
 
@@ -124,6 +138,7 @@ def _first_noise(rows: Row, states: Reconstruction) -> Noise:
         force=log(UNMODELLED, 0.0),
         moment=jnp.log(jnp.full(3, UNMODELLED)),
         attitude_error=jnp.log(jnp.array([0.006, 0.008])),
+        push=log(THRUST_ERROR, 0.0),
         gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
         accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
         airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
@@ -162,6 +177,7 @@ def beliefs(
         vane_bias=jnp.full(2, 0.035 * flow),
         vane_scale=jnp.full(2, 0.1 * flow),
         surface_delay=jnp.asarray(servo.sigma or 0.1),
+        moment_lag=jnp.asarray(MOMENT_LAG),
         airspeed_delay=jnp.asarray(0.1),
         velocity_delay=jnp.asarray(0.1),
         attitude_delay=jnp.asarray(0.05),
@@ -283,9 +299,5 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         rate=rate,
         air=Air(at(states.block("wind")), at(states.block("gust")), np.zeros_like(rate)),
         attitude_error=np.zeros_like(rate),
+        push=np.zeros((time.size, 1)),
     )
-
-
-def _start() -> Belief:
-    deviation = jnp.asarray(START_DEVIATION)
-    return Belief(jnp.zeros(deviation.size), jnp.diag(deviation**2))

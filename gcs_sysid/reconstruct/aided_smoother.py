@@ -44,6 +44,18 @@ class Chunk(NamedTuple):
     row: Row
 
 
+class Beginning(NamedTuple):
+    """Belief about the state before the first row.
+
+    Attributes:
+        state: its mean.
+        covariance: of the deviation from it.
+    """
+
+    state: State
+    covariance: Float[Array, "state state"]
+
+
 class Smoothed(NamedTuple):
     """Deviation of the smoothed from the nominal flight, and how well the model foretold it.
 
@@ -79,14 +91,21 @@ def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk)
 @partial(jax.jit, static_argnums=0)
 def _pulled_back(
     model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk, slope: Linearised
-) -> tuple[Means, Noise]:
-    """Gradient with respect to the parameters from that with respect to the matrices."""
+) -> tuple[Means, Noise, Float[Array, "sample state"], Float[Array, "sample state"]]:
+    """From a gradient with respect to the matrices to that with respect to what they come from.
 
-    def matrices(values: Means, logs: Noise) -> Linearised:
-        rows = linearised(model, values, logs, chunk)
+    Returns:
+        With respect to means, log intensities, and error states of the nominal flight at the
+        beginning and the end of each row's step.
+    """
+
+    def matrices(values: Means, logs: Noise, before: Array, after: Array) -> Linearised:
+        moved = Chunk(_composed(chunk.before, before), _composed(chunk.after, after), chunk.row)
+        rows = linearised(model, values, logs, moved)
         return rows._replace(present=rows.present.astype(rows.residual.dtype))
 
-    _, pull_back = jax.vjp(matrices, means, log_noise)
+    zero = jnp.zeros((chunk.row.step.shape[0], aided.SIZE))
+    _, pull_back = jax.vjp(matrices, means, log_noise, zero, zero)
     return pull_back(slope)
 
 
@@ -148,6 +167,12 @@ def _taken(index: np.ndarray, values: Array) -> Array:
     return jnp.asarray(np.asarray(values)[index])
 
 
+def belief(beginning: Beginning, flight: Sequence[Chunk]) -> Belief:
+    """What is believed about the deviation from a nominal flight before its first row."""
+    first = jax.tree.map(lambda part: part[0], flight[0].before)
+    return Belief(aided.difference(beginning.state, first), beginning.covariance)
+
+
 def log_likelihood(
     model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
 ) -> float:
@@ -162,34 +187,117 @@ def log_likelihood(
 def gradient(
     model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
 ) -> tuple[Means, Noise]:
-    """Gradient of the log-likelihood with respect to means and log intensities."""
-    starts = []
-    for chunk in flight:
-        starts.append(start)
-        start, _ = linear_filter.likelihood(start, linearised(model, means, log_noise, chunk))
+    """Gradient of the log-likelihood with respect to means and log intensities.
+
+    The nominal flight is the smoothed one, and the smoothed flight moves with the parameters: the
+    determinants of the innovations' covariances, which depend on the nominal, move with it. About a
+    fixed nominal the gradient would not be that of what `log_likelihood` gives once the flight has
+    been smoothed anew, and a search would end where nothing is largest.
+    """
+    rows = [linearised(model, means, log_noise, chunk) for chunk in flight]
+    starts = [start]
+    for piece in rows:
+        starts.append(linear_filter.likelihood(starts[-1], piece)[0])
     later = jax.tree.map(jnp.zeros_like, start)
+    slopes, before, after = [], [], []
+    for chunk, piece, begun in zip(
+        reversed(flight), reversed(rows), reversed(starts[:-1]), strict=True
+    ):
+        later, slope = linear_filter.adjoint(begun, piece, later)
+        _, _, *nominal = _pulled_back(model, means, log_noise, chunk, slope)
+        slopes.append(slope)
+        before.append(nominal[0])
+        after.append(nominal[1])
+    slopes.reverse()
+    force = _force(before[::-1], after[::-1], later)
+    moved = _moved(starts, rows, force)
     total: tuple[Means, Noise] | None = None
-    for chunk, begun in zip(reversed(flight), reversed(starts), strict=True):
-        rows = linearised(model, means, log_noise, chunk)
-        later, slope = linear_filter.adjoint(begun, rows, later)
-        part = _pulled_back(model, means, log_noise, chunk, slope)
+    for chunk, *parts in zip(flight, slopes, moved, strict=True):
+        slope = jax.tree.map(jnp.add, *parts)
+        part = _pulled_back(model, means, log_noise, chunk, slope)[:2]
         total = part if total is None else jax.tree.map(jnp.add, total, part)
     if total is None:
         raise ValueError("a flight needs at least one chunk")
     return total
 
 
+def _force(
+    before: Sequence[Float[Array, "sample state"]],
+    after: Sequence[Float[Array, "sample state"]],
+    start: Belief,
+) -> list[Float[Array, "sample state"]]:
+    """Gradient with respect to the nominal flight, row by row, in chunks.
+
+    Args:
+        before: gradient with respect to the nominal at each step's beginning.
+        after: at its end.
+        start: with respect to the belief before the first row, whose mean is relative to it.
+    """
+    force = jnp.concatenate(after)
+    earlier = jnp.concatenate(before)
+    force = force.at[:-1].add(earlier[1:]).at[0].add(earlier[0] - start.mean)
+    return jnp.split(force, len(after))
+
+
+def _moved(
+    starts: Sequence[Belief], rows: Sequence[Linearised], force: Sequence[Array]
+) -> list[Linearised]:
+    """Gradient of Σ forceᵀ (smoothed flight) with respect to the matrices, in chunks."""
+    means = [jnp.zeros_like(starts[0].mean)]
+    for start, piece, pull in zip(starts[:-1], rows, force, strict=True):
+        _, done = linear_filter.run(start, piece)
+        means.append(linear_filter.push(means[-1], piece, done, pull)[0])
+    zero = jnp.zeros_like(starts[0].mean)
+    later = (zero, zero)
+    slopes = []
+    for start, mean, piece, pull in zip(
+        reversed(starts[:-1]), reversed(means[:-1]), reversed(rows), reversed(force), strict=True
+    ):
+        later, slope = linear_filter.implicit(start, mean, piece, pull, later)
+        slopes.append(slope)
+    return slopes[::-1]
+
+
 def information(
-    model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    flight: Sequence[Chunk],
+    start: Belief,
+    *,
+    air_known: bool,
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Fisher information about the parameters of the mean, in the order of `ravel_pytree`."""
+    """Fisher information about the parameters of the mean, in the order of `ravel_pytree`.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        log_noise: log intensities.
+        flight: about its smoothed nominal.
+        start: belief before the first row.
+        air_known: whether what a derivative multiplies is taken as the smoothed flight has it, or
+            as the filter knew it before each sample. The smoothed flight knows the gusts from the
+            very accelerations that they caused, so that the flow angle of every gust counts as a
+            known input: too much information, but the right curvature for derivatives that are
+            still far off.
+    """
     count = ravel_pytree(means)[0].size
     sofar = Information(start, jnp.zeros((aided.SIZE, count)), jnp.zeros((count, count)))
     for chunk in flight:
-        motion, seen = _sensitivities(model, means, log_noise, chunk)
         rows = linearised(model, means, log_noise, chunk)
+        known = chunk if air_known else _as_predicted(chunk, sofar.belief, rows)
+        motion, seen = _sensitivities(model, means, log_noise, known)
         sofar = linear_filter.inform(sofar, rows, motion, seen)
     return np.asarray(sofar.matrix)
+
+
+def _as_predicted(chunk: Chunk, start: Belief, rows: Linearised) -> Chunk:
+    """A chunk about the states that the filter expects before each sample."""
+    _, done = linear_filter.run(start, rows)
+    updated = jnp.concatenate([start.mean[None], done.updated.mean[:-1]])
+    return Chunk(
+        _composed(chunk.before, updated), _composed(chunk.after, done.predicted.mean), chunk.row
+    )
 
 
 def smooth(
@@ -220,7 +328,7 @@ def iterated(
     log_noise: Noise,
     rows: Row,
     nominal: State,
-    start: Belief,
+    beginning: Beginning,
     *,
     rounds: int,
 ) -> tuple[State, Smoothed]:
@@ -231,7 +339,8 @@ def iterated(
     """
     count = rows.step.shape[0]
     for _ in range(rounds):
-        done = smooth(model, means, log_noise, chunks(rows, nominal), start)
+        pieces = chunks(rows, nominal)
+        done = smooth(model, means, log_noise, pieces, belief(beginning, pieces))
         deviation = jnp.asarray(done.belief.mean[:count])
         nominal = jax.tree.map(np.asarray, _composed(nominal, deviation))
     return nominal, done

@@ -16,6 +16,7 @@ length and every aircraft.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -144,6 +145,122 @@ def adjoint(start: Belief, rows: Linearised, later: Belief) -> tuple[Belief, Lin
 
     _, pull_back = jax.vjp(total, start, smooth_part)
     return pull_back((later, jnp.ones(())))
+
+
+class Pushed(NamedTuple):
+    """Answer of the filtered means to forces on the states, before what comes later.
+
+    Attributes:
+        predicted: change of each predicted mean.
+        whitened: change of each whitened innovation.
+    """
+
+    predicted: Float[Array, "sample state"]
+    whitened: Float[Array, "sample row"]
+
+
+@jax.jit
+def push(
+    mean: Float[Array, " state"],
+    rows: Linearised,
+    done: Filtered,
+    force: Float[Array, "sample state"],
+) -> tuple[Float[Array, " state"], Pushed]:
+    """Filtered means when −Σ forceᵀ e is added to the negative log density of all deviations.
+
+    Args:
+        mean: change at the chunk's beginning.
+        rows: the chunk.
+        done: the filter's steps over it.
+        force: on each row's deviation.
+    """
+
+    def ahead(
+        now: Float[Array, " state"], item: tuple[Linearised, Filtered, Float[Array, " state"]]
+    ) -> tuple[Float[Array, " state"], Pushed]:
+        row, step_, pull = item
+        predicted = row.transition @ now
+        whitened = -jax.scipy.linalg.solve_triangular(
+            step_.factor, row.sensitivity @ predicted, lower=True
+        )
+        moved = predicted + step_.gain.T @ whitened + step_.updated.covariance @ pull
+        return moved, Pushed(predicted, whitened)
+
+    return jax.lax.scan(ahead, mean, (rows, done, force))
+
+
+@jax.jit
+def implicit(
+    start: Belief,
+    mean: Float[Array, " state"],
+    rows: Linearised,
+    force: Float[Array, "sample state"],
+    later: tuple[Float[Array, " state"], Float[Array, " state"]],
+) -> tuple[tuple[Float[Array, " state"], Float[Array, " state"]], Linearised]:
+    """Gradient of Σ forceᵀ ê, the smoothed deviations, with respect to all matrices.
+
+    ê makes J = ½Σ‖e − Φe₋ − o‖² + ½Σ‖r − He‖² least, each norm weighted by its covariance, so that
+    d(forceᵀ ê) = −wᵀ d∇J with w = (∇²J)⁻¹ force: the deviations of the same flight without data,
+    pulled by the forces. Noise covariances may be singular: λ = Q⁻¹(e − Φe₋ − o) comes from the
+    adjoint recursion (Bryson & Frazier 1963; Durbin & Koopman, *Time Series Analysis by State Space
+    Methods*, 2nd ed. 2012, section 4.4).
+
+    Args:
+        start: belief at the chunk's beginning.
+        mean: answer to the forces there, of `push`.
+        rows: the chunk.
+        force: on each row's deviation.
+        later: λ of the data and of the forces at the next chunk's first row, carried back.
+
+    Returns:
+        `later` of the chunk before, and the gradient.
+    """
+    _, done = run(start, rows)
+    _, pushed = push(mean, rows, done, force)
+    unit = jax.vmap(partial(jax.scipy.linalg.solve_triangular, lower=True))(
+        done.factor, rows.sensitivity
+    )
+
+    def back(
+        after: tuple[Array, Array], item: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        transition, seen, gain, white, white_pushed, pull = item
+        of_data = after[0] + seen.T @ (white - gain @ after[0])
+        felt = after[1] + pull
+        of_force = felt + seen.T @ (white_pushed - gain @ felt)
+        return (transition.T @ of_data, transition.T @ of_force), (of_data, of_force)
+
+    earlier, (of_data, of_force) = jax.lax.scan(
+        back,
+        later,
+        (rows.transition, unit, done.gain, done.whitened, pushed.whitened, force),
+        reverse=True,
+    )
+    spread = done.predicted.covariance
+    deviation = done.predicted.mean + jnp.einsum("kij,kj->ki", spread, of_data)
+    moved = pushed.predicted + jnp.einsum("kij,kj->ki", spread, of_force)
+    first = (start.mean + start.covariance @ earlier[0], mean + start.covariance @ earlier[1])
+    weight = jnp.where(rows.present, 1.0 / rows.variance, 0.0)
+    left = weight * (rows.residual - jnp.einsum("kij,kj->ki", rows.sensitivity, deviation))
+    seen = weight * jnp.einsum("kij,kj->ki", rows.sensitivity, moved)
+
+    def crossed(one: Array, other: Array) -> Float[Array, "sample one other"]:
+        return one[:, :, None] * other[:, None, :]
+
+    def earlier_of(begin: Array, values: Array) -> Float[Array, "sample state"]:
+        return jnp.concatenate([begin[None], values[:-1]])
+
+    both = crossed(of_force, of_data)
+    return earlier, Linearised(
+        transition=crossed(of_data, earlier_of(first[1], moved))
+        + crossed(of_force, earlier_of(first[0], deviation)),
+        offset=of_force,
+        process=0.5 * (both + jnp.swapaxes(both, 1, 2)),
+        sensitivity=crossed(left, moved) - crossed(seen, deviation),
+        residual=seen,
+        variance=-left * seen,
+        present=jnp.zeros_like(rows.residual),
+    )
 
 
 @jax.jit

@@ -108,7 +108,7 @@ def shortened(flight: Flight, minutes: float) -> Flight:
     def cut(values: np.ndarray) -> np.ndarray:
         return np.asarray(values)[:count]
 
-    return Flight(jax.tree.map(cut, flight.rows), jax.tree.map(cut, flight.nominal), flight.start)
+    return Flight(jax.tree.map(cut, flight.rows), jax.tree.map(cut, flight.nominal), flight.beginning)
 
 
 def main() -> None:
@@ -134,7 +134,7 @@ def main() -> None:
         first = aided_flight.first_unknowns(flight, states, terms)
         model = FlightModel(aided_flight.with_structure(aircraft, terms))
         smoothed, _ = aided_smoother.iterated(
-            model, *first, flight.rows, flight.nominal, flight.start, rounds=4
+            model, *first, flight.rows, flight.nominal, flight.beginning, rounds=4
         )
         rows.append((f"derivatives {100 * error:.0f} % wrong", *flow_errors(smoothed, time, true)))
     if asked.fit:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import (
@@ -53,7 +54,7 @@ QUIET = Turbulence(*(jnp.ones(2),) * 4, coupling=jnp.array([0.1, -0.2, 0.15, 0.0
 
 def means(aircraft: Aircraft) -> Means:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, zero, zero, zero, zero, zero)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, *[zero] * 6)
     return Means(rigid_body.parameters(aircraft).aerodynamics, sensors)
 
 
@@ -66,6 +67,7 @@ def state() -> State:
             jnp.array([2.0, -1.0, 0.1]), jnp.array([0.5, 0.3, -0.8]), jnp.array([0.05, 0.02, 0.0])
         ),
         attitude_error=jnp.array([0.005, -0.003, 0.01]),
+        push=jnp.array([0.2]),
     )
 
 
@@ -99,7 +101,8 @@ def test_difference_undoes_compose() -> None:
 
 def test_without_gusts_the_motion_is_that_of_the_rigid_body() -> None:
     """The two schemes differ by their fourth-order errors, which small steps make vanish."""
-    calm = state()._replace(air=Air(jnp.array([2.0, -1.0, 0.1]), jnp.zeros(3), jnp.zeros(3)))
+    still = Air(jnp.array([2.0, -1.0, 0.1]), jnp.zeros(3), jnp.zeros(3))
+    calm = state()._replace(air=still, push=jnp.zeros(1))
     ahead = aided.advance(FLYING, means(FLYING), QUIET, calm, row(0.004))
     start = rigid_body.State(jnp.array([0.0, 0.0, -100.0]), calm.velocity, calm.attitude, calm.rate)
     given = rigid_body.Inputs(
@@ -136,13 +139,14 @@ def test_the_scheme_is_of_fourth_order() -> None:
 
 
 def test_a_spinning_stone_in_free_fall_feels_its_lever_only() -> None:
-    """No air forces: f = ω̇ × r + ω × (ω × r), and the gyro reads ω."""
+    """No air forces: f = push + ω̇ × r + ω × (ω × r), and the gyro reads ω."""
     errors = aided.innovation(STONE, means(STONE), state(), row(0.0))
     rate = np.asarray(state().rate)
     inertia = STONE.mass.inertia
     turning = np.linalg.solve(inertia, -np.cross(rate, inertia @ rate))
     lever = np.array(STONE.imu.position) - np.array(STONE.mass.cg)
     felt = np.cross(turning, lever) + np.cross(rate, np.cross(rate, lever))
+    felt = felt + np.array([0.2, 0.0, 0.0])
     np.testing.assert_allclose(errors[ROWS["accelerometer"]], -felt, atol=1e-12)
     np.testing.assert_allclose(errors[ROWS["gyro"]], -rate, atol=1e-15)
 
@@ -165,7 +169,7 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
 
 def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
     """Free fall: velocity 0.1 s ago was less by 0.1 g downward."""
-    now = state()._replace(rate=jnp.zeros(3))
+    now = state()._replace(rate=jnp.zeros(3), push=jnp.zeros(1))
     known = means(STONE)
     late = known._replace(sensors=known.sensors._replace(velocity_delay=jnp.asarray(0.1)))
     change = np.asarray(
@@ -179,7 +183,7 @@ def test_linearised_matrices_are_differences_of_the_model() -> None:
     known, sample = means(FLYING), row(0.02)
     noise = Noise(
         QUIET,
-        *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01)),
+        *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.asarray(0.1)),
         *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
         *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
     )
@@ -207,3 +211,55 @@ def test_linearised_matrices_are_differences_of_the_model() -> None:
     spread = np.asarray(found.process)
     np.testing.assert_allclose(spread, spread.T, atol=1e-18)
     assert np.linalg.eigvalsh(spread).min() > -1e-15
+
+
+def test_noise_of_a_step_is_that_of_the_exponential() -> None:
+    """Van Loan (IEEE Trans. Automatic Control 23, 1978): both from one matrix exponential."""
+    rng = np.random.default_rng(8)
+    length, size = 0.02, aided.SIZE
+    # Rates up to those of the roll mode of a small aircraft and of the gusts' rotation.
+    rates = 0.3 * rng.standard_normal((size, size)) + np.diag(-20.0 * rng.uniform(size=size))
+    noise = Noise(
+        QUIET._replace(
+            gust=jnp.array([1.0, 2.0]),
+            spin=jnp.array([0.05, 0.1]),
+            coupling=jnp.array([0.2, 0.1, 0.3, 0.2]),
+        ),
+        *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.asarray(0.1)),
+        *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
+        *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
+    )
+    shape = np.eye(size)
+    shape[BLOCKS["spin"], BLOCKS["gust"]] = [[0, 0, 0.2], [0, 0, 0.1], [0.3, 0.2, 0]]
+    density = shape @ np.diag(np.asarray(aided.process_density(noise))) @ shape.T
+    block = np.block([[-rates, density], [np.zeros((size, size)), rates.T]])
+    both = scipy.linalg.expm(block * length)
+    transition = both[size:, size:].T
+    found = aided.process(jnp.asarray(transition), jnp.asarray(length), noise)
+    exact = transition @ both[:size, size:]
+    scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
+    # Both rules are wrong by about (20·0.02)⁴/8 at the largest of these rates.
+    assert np.max(np.abs(np.asarray(found) - exact) / scale) < 0.4**4 / 8.0
+
+
+def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:
+    """A step of the rudder's kind: with lag τ the rate after t is that without lag after t − τ."""
+    lag, step, count = 0.004, 0.002, 20
+    prompt, known = means(FLYING), means(FLYING)
+    late = known._replace(sensors=known.sensors._replace(moment_lag=jnp.asarray(lag)))
+
+    @jax.jit
+    def flown(values: Means) -> jax.Array:
+        def ahead(now: State, _: None) -> tuple[State, jax.Array]:
+            after = aided.advance(FLYING, values, QUIET, now, row(step))
+            still = row(step)._replace(gyro=jnp.zeros(3))
+            return after, -aided.innovation(FLYING, values, after, still)[ROWS["gyro"]]
+
+        return jax.lax.scan(ahead, state(), None, length=count)[1]
+
+    turned, delayed = np.asarray(flown(prompt)), np.asarray(flown(late))
+    shifted = turned[: count - int(lag / step)]
+    change = np.ptp(turned, axis=0).max()
+    # What is left out is of second order in the lag over the roll mode's time.
+    assert np.abs(delayed[int(lag / step) :] - shifted).max() < 0.05 * change
+    assert np.abs(delayed - turned).max() > 0.1 * change

@@ -150,3 +150,36 @@ def test_information_is_that_of_the_joint_density() -> None:
     nothing = Information(start, jnp.zeros((STATES, 2)), jnp.zeros((2, 2)))
     found = linear_filter.inform(nothing, rows, jnp.asarray(motion), jnp.asarray(seen))
     np.testing.assert_allclose(found.matrix, wanted, rtol=TIGHT)
+
+
+def test_the_smoothed_flight_moves_with_the_matrices_as_the_adjoint_says() -> None:
+    """Against the smoother itself, differentiated through all its steps."""
+    start, rows = system()
+    force = jnp.asarray(np.random.default_rng(5).standard_normal((STEPS, STATES)))
+    begun = start
+
+    def pulled(matrices: Linearised) -> jax.Array:
+        end, done = linear_filter.run(begun, matrices)
+        _, smoothed = linear_filter.smooth(end, begun, matrices, done)
+        return jnp.sum(force * smoothed.mean)
+
+    real = rows._replace(present=rows.present.astype(float))
+    wanted = jax.grad(pulled)(real)
+    zero = jnp.zeros(STATES)
+    # In two chunks, as flights come.
+    half = STEPS // 2
+    cut = [jax.tree.map(lambda part, s=s: part[s], rows) for s in (slice(half), slice(half, None))]
+    pulls = [force[:half], force[half:]]
+    middle, done = linear_filter.run(start, cut[0])
+    mean, _ = linear_filter.push(zero, cut[0], done, pulls[0])
+    later, second = linear_filter.implicit(middle, mean, cut[1], pulls[1], (zero, zero))
+    _, first = linear_filter.implicit(start, zero, cut[0], pulls[0], later)
+    for name in ("transition", "offset", "process", "sensitivity", "residual", "variance"):
+        found = np.concatenate([getattr(first, name), getattr(second, name)])
+        expected = np.asarray(getattr(wanted, name))
+        if name == "process":
+            expected = 0.5 * (expected + np.swapaxes(expected, 1, 2))
+        present = np.asarray(rows.present)
+        if name in ("sensitivity", "residual", "variance"):
+            found, expected = found[present], expected[present]
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8, err_msg=name)
