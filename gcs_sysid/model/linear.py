@@ -51,6 +51,8 @@ TRIM_STEPS = 30
 STEP = 1e-4
 """Step of central differences over the values, relative: what is differenced is next to linear in
 them, and exact itself."""
+SMALLEST = 0.01
+"""Size that a value near zero has for that."""
 
 
 class Matrices(NamedTuple):
@@ -142,14 +144,15 @@ class Linearisation:
     def __init__(self, aircraft: Aircraft) -> None:
         self.aircraft = aircraft
 
-        def off(moved: Array, unknown: Array, air: Array) -> Array:
-            return trims.imbalance(aircraft, _values(aircraft, moved), unknown, *air)
+        # Values are arguments, so that another model of the same terms is not compiled again.
+        def off(values: Array, unknown: Array, air: Array) -> Array:
+            return trims.imbalance(aircraft, parameters(aircraft, values), unknown, *air)
 
-        def slope(moved: Array, unknown: Array, air: Array) -> tuple[Array, Array]:
-            return off(moved, unknown, air), jax.jacfwd(off, argnums=1)(moved, unknown, air)
+        def slope(values: Array, unknown: Array, air: Array) -> tuple[Array, Array]:
+            return off(values, unknown, air), jax.jacfwd(off, argnums=1)(values, unknown, air)
 
-        def found(moved: Array, unknown: Array, air: Array) -> Matrices:
-            return matrices(aircraft, moved, unknown, air)
+        def found(values: Array, unknown: Array, air: Array) -> Matrices:
+            return matrices(aircraft, values, unknown, air)
 
         self._off = jax.jit(jax.vmap(slope, in_axes=(0, 0, None)))
         self._found = jax.jit(jax.vmap(found, in_axes=(0, 0, None)))
@@ -161,7 +164,7 @@ class Linearisation:
             trim: level flight.
             covariance: of the values of `uncertain`.
         """
-        step = STEP * _sizes(self.aircraft)
+        step = STEP * np.maximum(np.abs(_mean(self.aircraft)), SMALLEST)
         moved = np.vstack([np.zeros_like(step), np.diag(step), -np.diag(step)])
         every = self.drawn(trim, moved)
         count = step.size
@@ -192,22 +195,23 @@ class Linearisation:
         guess = np.concatenate([start[1:3], start[6:7], trim.controls, trim.settings])
         unknown = np.tile(guess, (moved.shape[0], 1))
         air = np.array([trim.airspeed, -float(trim.state.position[2]), trim.density])
+        values = _mean(self.aircraft) + moved
         for _ in range(TRIM_STEPS):
-            off, slope = (np.asarray(item) for item in self._off(moved, unknown, air))
+            off, slope = (np.asarray(item) for item in self._off(values, unknown, air))
             # Columns are scaled: a setting may be thousands of revolutions, an angle hundredths.
             size = 1.0 / np.linalg.norm(slope, axis=1)
             turn, triangle = np.linalg.qr(slope * size[:, None, :])
             along = np.einsum("dij,di->dj", turn, off)
             unknown = unknown - size * np.linalg.solve(triangle, along[..., None])[..., 0]
-        return Matrices(*(np.asarray(item) for item in self._found(moved, unknown, air)))
+        return Matrices(*(np.asarray(item) for item in self._found(values, unknown, air)))
 
 
-def _sizes(aircraft: Aircraft) -> Float[np.ndarray, " value"]:
-    """Order of magnitude of each of the values of `uncertain`."""
+def _mean(aircraft: Aircraft) -> Float[np.ndarray, " value"]:
+    """The values of `uncertain` as the file has them."""
     terms = [
         item.value for model in aircraft.aerodynamics.values() for item in model.terms.values()
     ]
-    return np.maximum(np.abs([*terms, 1.0, 1.0]), 0.01)
+    return np.array([*terms, 1.0, 1.0])
 
 
 def _inputs(aircraft: Aircraft) -> dict[str, str]:
@@ -230,23 +234,23 @@ def spread(
 
 def matrices(
     aircraft: Aircraft,
-    moved: Float[Array, " value"],
+    values: Float[Array, " value"],
     unknown: Float[Array, " unknown"],
     air: Float[Array, " three"],
 ) -> Matrices:
     """The linear model at a trim.
 
     Args:
-        aircraft: the mean.
-        moved: added to the values of `uncertain`; relative for mass and inertia.
+        aircraft: what is looked up.
+        values: of `uncertain`; mass and inertia over the file's.
         unknown: the trim: alpha, beta, bank, controls, settings.
         air: airspeed [m/s], height [m], density [kg/m³].
     """
-    values = _values(aircraft, moved)
+    numbers = parameters(aircraft, values)
     speed, height, density = air
 
     def moving(motion: Array, control: Array) -> tuple[Array, Array]:
-        return rate(aircraft, values, motion, control, height, density)
+        return rate(aircraft, numbers, motion, control, height, density)
 
     def both(motion: Array, control: Array) -> Array:
         change, felt = moving(motion, control)
@@ -312,15 +316,15 @@ def rate(
     return jnp.concatenate([jnp.stack(flow), slope.rate, jnp.stack([roll_rate, pitch_rate])]), felt
 
 
-def _values(aircraft: Aircraft, moved: Float[Array, " value"]) -> Parameters:
-    """The aircraft's numbers, moved."""
+def parameters(aircraft: Aircraft, values: Float[Array, " value"]) -> Parameters:
+    """An aircraft's numbers with other values of `uncertain`; mass and inertia over the file's."""
     base = rigid_body.parameters(aircraft)
-    step = dict(zip(uncertain(aircraft), moved, strict=True))
+    given = dict(zip(uncertain(aircraft), values, strict=True))
     return base._replace(
-        mass=base.mass * (1.0 + step[MASS, MASS]),
-        inertia=base.inertia * (1.0 + step[INERTIA, INERTIA]),
+        mass=base.mass * given[MASS, MASS],
+        inertia=base.inertia * given[INERTIA, INERTIA],
         aerodynamics={
-            name: {key: value + step[name, key] for key, value in terms.items()}
+            name: {key: given[name, key] for key in terms}
             for name, terms in base.aerodynamics.items()
         },
     )

@@ -68,8 +68,9 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
     values = rigid_body.parameters(aircraft)
     count, engines = len(aircraft.controls), len(aircraft.propulsion)
 
-    def left(unknown: Array) -> Array:
-        return imbalance(aircraft, values, unknown, airspeed, height, density)
+    # Values are arguments, so that another model of the same terms is not compiled again.
+    def left(unknown: Array, values: Parameters, air: Array) -> Array:
+        return imbalance(aircraft, values, unknown, air[0], air[1], air[2])
 
     start = np.concatenate([[0.05, 0.0, 0.0], np.zeros(count), np.full(engines, 0.5)])
     low = np.concatenate([[-0.3, -0.3, -0.3], np.full(count, -0.6), np.zeros(engines)])
@@ -77,14 +78,15 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
     high[3 + count :] = _most(aircraft)
     start[3 + count :] *= high[3 + count :]
     residual, slope = jax.jit(left), jax.jit(jax.jacfwd(left))
+    air = np.array([airspeed, height, density])
     found = optimize.least_squares(
-        lambda unknown: np.asarray(residual(unknown)),
+        lambda unknown: np.asarray(residual(unknown, values, air)),
         start,
-        jac=lambda unknown: np.asarray(slope(unknown)),
+        jac=lambda unknown: np.asarray(slope(unknown, values, air)),
         bounds=(low, high),
         x_scale=np.where(high > 10.0, high, 0.1),
     )
-    if np.abs(np.asarray(residual(found.x))[:6]).max() > LEVEL:
+    if np.abs(np.asarray(residual(found.x, values, air))[:6]).max() > LEVEL:
         raise UsageError(
             f"{aircraft.name}: the model cannot fly level at {airspeed:.0f} m/s; check its thrust, "
             "or the airspeeds of `[envelope]`"
