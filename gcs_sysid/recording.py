@@ -85,7 +85,8 @@ class Recording:
         parameters: the autopilot's parameters, as far as the log holds them.
         texts: (time, text) of STATUSTEXT messages.
         lost: what could not be used, counted by reason: `bad_crc`, `unknown`, `garbage_bytes`,
-            `truncated`; of an onboard log also `bad_stamp`, `dropped`; of a table
+            `truncated`; of an onboard log also `bad_stamp`, `dropped`; of a CAN bus
+            `can_unknown`, `can_bad_crc`, `can_truncated`; of a table
             `rows_without_time`, `rows_at_same_time`.
         clock_notes: what was done to bring the streams onto one clock, one sentence each.
         others: further vehicles heard in the same log.
@@ -138,6 +139,8 @@ CHANNELS: Mapping[str, str] = {
     "altitude": "height above mean sea level [m]",
     "height": "height above home [m]",
     "pressure_altitude": "altitude from static pressure, as the sensor reports it [m]",
+    "true_airspeed": "true airspeed as a sensor reports it [m/s]",
+    "position_N": "measured position of actuator N, N as on its bus [rad]",
     "airspeed": "indicated (equivalent) airspeed [m/s]",
     "groundspeed": "speed over ground [m/s]",
     "climb": "climb rate [m/s]",

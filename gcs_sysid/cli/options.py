@@ -50,6 +50,10 @@ columns = click.option(
     "--columns", metavar="MAP", type=Existing("file"),
     help="What the columns of a table are (TOML); needed for .csv, .parquet, .mat.",
 )  # fmt: skip
+can = click.option(
+    "--can", metavar="CANLOG", type=Existing("file"),
+    help="CAN log of the same flight (.asc, .blf, .log, .mf4) with DroneCAN sensors.",
+)  # fmt: skip
 seed = click.option(
     "--seed", metavar="N", type=int, expose_value=False,
     help="Seed of random choices; this command makes none, so N changes nothing.",

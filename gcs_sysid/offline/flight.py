@@ -18,6 +18,7 @@ from gcs_sysid.estimate.coefficients import Samples, Thrust
 from gcs_sysid.estimate.surface_delay import Delay, surface_delay
 from gcs_sysid.model import actuators, propulsion
 from gcs_sysid.offline import requirements
+from gcs_sysid.offline.measured_surfaces import in_place_of_commands
 from gcs_sysid.reconstruct import compatibility, measurements
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.reconstruct.compatibility import Compatibility
@@ -103,6 +104,8 @@ def read(
     delay: Delay | None,
     progress: Progress,
     columns: Path | None = None,
+    can: Path | None = None,
+    measured: bool = False,
 ) -> Flight:
     """Reads a log and measures its coefficients.
 
@@ -114,6 +117,8 @@ def read(
         delay: of the surfaces where it is known already; None finds it in this flight.
         progress: told what is being done and how far it is.
         columns: what the columns are where the log is a table.
+        can: a CAN log of the same flight.
+        measured: whether measured positions of surfaces take the place of their commands.
 
     Raises:
         InputError: the log cannot be read, or cannot answer.
@@ -124,8 +129,12 @@ def read(
         path,
         vehicle=vehicle,
         columns=columns,
+        can=can,
         progress=lambda fraction: progress(f"reading {path.name}", 0.1 * fraction),
     )
+    surfaces: tuple[str, ...] = ()
+    if measured:
+        recording, aircraft, surfaces = in_place_of_commands(recording, aircraft)
     needed = requirements.check(recording, aircraft)
     needed.raise_if_unusable()
     read_at = clock.perf_counter()
@@ -160,10 +169,19 @@ def read(
         compatibility=compatibility.check(states),
         delay=latency,
         samples=samples,
-        warnings=tuple(needed.warnings),
+        warnings=(*needed.warnings, *_seen(recording, surfaces)),
         read_seconds=read_at - started,
         reconstruct_seconds=clock.perf_counter() - read_at,
     )
+
+
+def _seen(recording: Recording, surfaces: tuple[str, ...]) -> list[str]:
+    if not surfaces:
+        return []
+    return [
+        f"{recording.source}: measured positions took the place of the commands of "
+        f"{', '.join(surfaces)}"
+    ]
 
 
 def _measured(

@@ -45,6 +45,7 @@ def run(
     out: Path,
     progress: Progress,
     columns: Path | None = None,
+    can: Path | None = None,
 ) -> dict[str, Any]:
     """Identifies an aircraft and writes `model/`, `samples.parquet` and `summary.json` to `out`.
 
@@ -58,19 +59,22 @@ def run(
         out: directory for the results.
         progress: told what is being done.
         columns: what the columns are of those logs that are tables.
+        can: a CAN log of the same flight; for a single log.
 
     Returns:
         The summary document.
 
     Raises:
         InputError: a log cannot be used.
-        UsageError: a segments file with several logs.
+        UsageError: a segments file or a CAN log with several logs.
     """
     started = clock.perf_counter()
     if segments is not None and len(logs) > 1:
         raise UsageError("--segments goes with one LOG; give each log its own run, or leave it out")
+    if can is not None and len(logs) > 1:
+        raise UsageError("--can goes with one LOG; give each log its own run, or leave it out")
     described = aircraft_file.load(aircraft)
-    flights = _read(logs, described, segments, vehicle, columns, progress)
+    flights = _read(logs, described, segments, vehicle, columns, can, progress)
     described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
     progress("fitting the model", 0.9)
@@ -102,6 +106,7 @@ def _read(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     progress: Progress,
 ) -> list[Flight]:
     flights = []
@@ -118,6 +123,8 @@ def _read(
             delay=None,
             progress=part,
             columns=columns,
+            can=can,
+            measured=True,
         )
         flights.append(
             replace(

@@ -18,6 +18,7 @@ from gcs_sysid.offline.documents import plain, write_json
 from gcs_sysid.offline.identifiability import Judgement, judge
 from gcs_sysid.offline.inspect_text import text as text
 from gcs_sysid.offline.maneuver_choice import chooser
+from gcs_sysid.offline.measured_surfaces import in_place_of_commands
 from gcs_sysid.offline.requirements import Requirements, check
 from gcs_sysid.reconstruct import segment_file
 from gcs_sysid.reconstruct.airborne import Interval, airborne
@@ -39,6 +40,7 @@ def run(
     vehicle: int | None = None,
     segments: Path | None = None,
     columns: Path | None = None,
+    can: Path | None = None,
     out: Path | None = None,
     progress: Progress = lambda _stage, _fraction: None,
 ) -> dict[str, Any]:
@@ -50,6 +52,7 @@ def run(
         vehicle: which vehicle of the log; needed when there are several.
         segments: maneuvers to list instead of those found.
         columns: what the columns are where the log is a table.
+        can: a CAN log of the same flight.
         out: folder for `inspect.json`; None writes nothing.
         progress: told what is being done and which fraction is behind.
 
@@ -65,8 +68,11 @@ def run(
         log,
         vehicle=vehicle,
         columns=columns,
+        can=can,
         progress=lambda fraction: progress("reading", 0.6 * fraction),
     )
+    if described is not None:
+        recording, described, _ = in_place_of_commands(recording, described)
     progress("looking for maneuvers", 0.6)
     document = plain(inspected(recording, described, segments))
     if out is not None:

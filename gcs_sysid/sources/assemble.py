@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -50,7 +51,7 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
         name: _stream(name, table, clocked, epoch_us) for name, table in sorted(split.items())
     }
     streams, absent_notes = without_absent(streams)
-    return Recording(
+    found = Recording(
         source=source,
         sha256=sha256,
         vehicle=chosen,
@@ -62,6 +63,26 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
         clock_notes=(*clocked.notes, *absent_notes),
         others=others,
     )
+    return _with_can(found, split, clocked)
+
+
+_TUNNELS = ("CAN_FRAME", "CANFD_FRAME")
+"""Messages in which an autopilot passes on what it hears on its CAN buses."""
+
+
+def _with_can(
+    found: Recording, tables: Mapping[str, MessageTable], clocked: clock.Clocked
+) -> Recording:
+    """The recording with what came through the autopilot from CAN."""
+    names = [name for name in _TUNNELS if name in tables]
+    if not names:
+        return found
+    files = importlib.import_module("gcs_sysid.sources.can.files")
+    merge = importlib.import_module("gcs_sysid.sources.can.merge")
+    frames = [
+        frame for name in names for frame in files.tunnelled(tables[name], clocked.time_us[name])
+    ]
+    return merge.tunnelled(found, sorted(frames, key=lambda frame: frame.time_us))
 
 
 def vehicles(tables: Mapping[TableKey, MessageTable]) -> list[Vehicle]:

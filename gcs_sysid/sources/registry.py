@@ -23,6 +23,7 @@ def open_recording(
     *,
     vehicle: int | None = None,
     columns: Path | None = None,
+    can: Path | None = None,
     progress: Progress = lambda _fraction: None,
 ) -> Recording:
     """The flight recorded in a log file.
@@ -33,6 +34,7 @@ def open_recording(
         vehicle: MAVLink system id to use; without it the log must hold one vehicle only.
         columns: what the columns of a table are; see `column_map`. Logs of other formats know
             their own, and it says nothing about them.
+        can: a CAN log of the same flight (.asc, .blf, .log, .mf4), put on its clock.
         progress: told which fraction of a large log is read.
 
     Raises:
@@ -40,7 +42,14 @@ def open_recording(
             is missing or wrong.
         RefusedError: it holds several vehicles and none was chosen.
     """
-    path = Path(path)
+    found = _opened(Path(path), vehicle, columns, progress)
+    if can is None:
+        return found
+    merge = importlib.import_module("gcs_sysid.sources.can.merge")
+    return merge.beside(found, can)
+
+
+def _opened(path: Path, vehicle: int | None, columns: Path | None, progress: Progress) -> Recording:
     suffix = path.suffix.lower()
     if suffix in _TABLES:
         table = importlib.import_module("gcs_sysid.sources.table")

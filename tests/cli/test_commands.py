@@ -78,7 +78,7 @@ def test_inspect(calls, capsys):
     [(_, args, named)] = calls
     assert args == (Path("flight.tlog"),)
     assert named == {
-        "aircraft": None, "vehicle": 3, "segments": None, "columns": None,
+        "aircraft": None, "vehicle": 3, "segments": None, "columns": None, "can": None,
         "out": Path("flight-inspect"),
     }  # fmt: skip
     assert capsys.readouterr().out == "streams\nflight-inspect/inspect.json\n"
@@ -92,7 +92,7 @@ def test_identify(calls, capsys):
     assert args == ((Path("flight.tlog"), Path("other.tlog")), Path("aircraft.toml"))
     assert named == {
         "prior": "none", "segments": Path("segments.json"), "vehicle": None, "stepwise": True,
-        "columns": None, "out": Path("result"),
+        "columns": None, "can": None, "out": Path("result"),
     }  # fmt: skip
     assert capsys.readouterr().out == "identify: result/samples.parquet\n"
 

@@ -28,6 +28,7 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 @options.segments
 @options.vehicle
 @options.columns
+@options.can
 @options.out("identify")
 @options.seed
 @options.as_json
@@ -39,6 +40,7 @@ def command(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -61,6 +63,7 @@ def command(
             segments=segments,
             vehicle=vehicle,
             columns=columns,
+            can=can,
             stepwise=stepwise,
             out=destination,
             progress=progress,

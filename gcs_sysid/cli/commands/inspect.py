@@ -15,6 +15,7 @@ from gcs_sysid.cli import numerics, options, output
 @options.segments
 @options.vehicle
 @options.columns
+@options.can
 @options.out("inspect")
 @options.seed
 @options.as_json
@@ -24,6 +25,7 @@ def command(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -44,6 +46,7 @@ def command(
             vehicle=vehicle,
             segments=segments,
             columns=columns,
+            can=can,
             out=destination,
             progress=progress,
         )

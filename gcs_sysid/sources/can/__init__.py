@@ -1,0 +1,1 @@
+"""Sensors and actuators on CAN: DroneCAN frames in log files, or tunnelled through MAVLink."""
