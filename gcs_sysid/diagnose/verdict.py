@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -52,6 +52,22 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     quiet = not best.causes and best.probability >= QUIET
     answer: Answer = "no_effect" if quiet and enough else "insufficient_data"
     return Verdict(answer, best, ())
+
+
+def sustained(answer: Verdict, *, before: float, after: float) -> Verdict:
+    """The verdict, unless it accuses and what took no part is foretold no better with it put right.
+
+    Something that no cause here stands for, as a servo that is late, is explained by those there
+    are only where it was fitted.
+
+    Args:
+        answer: as the ranking has it.
+        before: negative log predictive density of what took no part, with the file as it is.
+        after: with the best set of causes put right.
+    """
+    if answer.answer not in ("effect", "ambiguous") or after < before:
+        return answer
+    return replace(answer, answer="insufficient_data", indistinguishable=())
 
 
 def _rival(item: Ranked, best: Ranked) -> bool:

@@ -171,8 +171,9 @@ def _diagnosed(
         before, after = _airspeed_scores(fit, judged)
         if "airspeed_scale" not in same.names:
             after = before
-    useless = answer.answer == "effect" and trusted and after.nlpd >= before.nlpd
-    if not credible or useless:
+    if trusted:
+        answer = verdict.sustained(answer, before=before.nlpd, after=after.nlpd)
+    if not credible:
         answer = replace(answer, answer="insufficient_data", indistinguishable=())
     strained = investigation.strained(final.columns, answer.best) if trusted else {}
     if strained and answer.answer == "no_effect":

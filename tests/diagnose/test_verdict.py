@@ -72,6 +72,21 @@ def test_causes_with_one_signature_cannot_be_told_apart() -> None:
     }
 
 
+@pytest.mark.parametrize("alike", [False, True])
+def test_an_accusation_that_foretells_nothing_better_is_dropped(alike: bool) -> None:
+    answer, _ = judged(data(truth={"mass": 0.1}, alike=alike))
+    assert answer.answer == ("ambiguous" if alike else "effect")
+    assert verdict.sustained(answer, before=-3.6, after=-3.7) == answer
+    dropped = verdict.sustained(answer, before=-3.7, after=-3.6)
+    assert dropped.answer == "insufficient_data"
+    assert dropped.indistinguishable == ()
+
+
+def test_silence_needs_nothing_to_be_foretold_better() -> None:
+    answer, _ = judged(data(truth={}))
+    assert verdict.sustained(answer, before=-3.7, after=-3.7) == answer
+
+
 def test_a_flight_that_shows_nothing_is_no_proof_of_nothing() -> None:
     found = data(truth={})
     faint = Information(1e-6 * found.gram, 1e-3 * found.score, found.energy, found.count)
