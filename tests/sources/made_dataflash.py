@@ -32,6 +32,8 @@ TYPES = {
     "FMTU": (144, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
     "UNIT": (145, "QbZ", "TimeUS,Id,Label"),
     "MULT": (146, "Qbd", "TimeUS,Id,Mult"),
+    "BARO": (148, "QBff", "TimeUS,I,Alt,Press"),
+    "AOA": (149, "Qff", "TimeUS,AOA,SSA"),
     "AETR": (147, "Qffff", "TimeUS,Ail,Elev,Thr,Rudd"),
 }
 

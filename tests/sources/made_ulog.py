@@ -28,6 +28,7 @@ FORMATS = {
     "actuator_outputs": "uint64_t timestamp;uint32_t noutputs;float[16] output",
     "actuator_servos": "uint64_t timestamp;float[8] control",
     "airflow_aoa": "uint64_t timestamp;float aoa_rad;bool valid",
+    "airflow_slip": "uint64_t timestamp;float slip_rad;bool valid",
     "esc_report": "int32_t esc_rpm;float esc_voltage",
     "esc_status": "uint64_t timestamp;uint8_t esc_count;esc_report[2] esc",
     "vehicle_status": "uint64_t timestamp;uint8_t arming_state;uint8_t nav_state",

@@ -251,7 +251,9 @@ def test_damage_never_breaks_the_reader(
     """Flipped bytes, cuts, repeated and reordered messages: read what is left, count the rest."""
     log = DAMAGED
     pieces = log.frames if form == "binary" else [f"{line}\n".encode() for line in log.lines]
-    data = bytearray(b"".join([*pieces[:19], *Random(seed).choices(pieces, k=len(pieces))]))
+    data = bytearray(
+        b"".join([*pieces[:DEFINITIONS], *Random(seed).choices(pieces, k=len(pieces))])
+    )
     for place, bits in flips:
         data[place % len(data)] ^= bits
     for place, width in cuts:
@@ -288,6 +290,7 @@ def test_a_large_log_takes_bounded_memory(shared: Path) -> None:
     assert peak < 250e6
 
 
+DEFINITIONS = len(Dataflash().frames)
 DAMAGED = flight(0.3, parameters=[("ARSPD_RATIO", 2.0)])
 
 SAME = {

@@ -44,6 +44,7 @@ _DAMAGED = (
     ArithmeticError,
     TypeError,
     AttributeError,
+    MemoryError,
 )
 """What python-can's readers raise on bytes that are not of their format."""
 
