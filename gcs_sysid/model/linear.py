@@ -48,11 +48,14 @@ MASS, INERTIA = "mass", "inertia"
 TRIM_STEPS = 30
 """Gauss–Newton steps from the trim of the mean values: a sideslip that nothing but the weight of
 `trim.LEAST` holds loses a third of its error in each."""
-STEP = 1e-4
-"""Step of central differences over the values, relative: what is differenced is next to linear in
-them, and exact itself."""
+STEPS = (1e-4, 0.1)
+"""Least and largest step of central differences over a value, relative. Between them it is one
+standard deviation: next to a table's breakpoint a smaller one would take the bend for a slope."""
 SMALLEST = 0.01
 """Size that a value near zero has for that."""
+BESIDE = 1e-9
+"""How much faster, relative, than asked for: at a breakpoint of a thrust table rounding would
+choose the side."""
 
 
 class Matrices(NamedTuple):
@@ -164,7 +167,9 @@ class Linearisation:
             trim: level flight.
             covariance: of the values of `uncertain`.
         """
-        step = STEP * np.maximum(np.abs(_mean(self.aircraft)), SMALLEST)
+        size = np.maximum(np.abs(_mean(self.aircraft)), SMALLEST)
+        low, high = STEPS
+        step = np.clip(np.sqrt(np.diagonal(covariance)), low * size, high * size)
         moved = np.vstack([np.zeros_like(step), np.diag(step), -np.diag(step)])
         every = self.drawn(trim, moved)
         count = step.size
@@ -194,7 +199,9 @@ class Linearisation:
         start = np.asarray(motion_of(trim.state))
         guess = np.concatenate([start[1:3], start[6:7], trim.controls, trim.settings])
         unknown = np.tile(guess, (moved.shape[0], 1))
-        air = np.array([trim.airspeed, -float(trim.state.position[2]), trim.density])
+        air = np.array(
+            [(1.0 + BESIDE) * trim.airspeed, -float(trim.state.position[2]), trim.density]
+        )
         values = _mean(self.aircraft) + moved
         for _ in range(TRIM_STEPS):
             off, slope = (np.asarray(item) for item in self._off(values, unknown, air))

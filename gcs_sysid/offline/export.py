@@ -49,14 +49,19 @@ def linear(
             "models": [linear_models.document(one) for one in found],
         }
     )
+    write(document, to, out)
+    return document
+
+
+def write(document: Mapping[str, Any], to: Literal["control", "matlab"], out: Path) -> None:
+    """Writes a document of linear models in one of the formats."""
     if to == "control":
         documents.write_json(out, document)
-    else:
-        content = _matlab(document)
-        documents.write_atomic(
-            out, lambda path: io.savemat(path, content, appendmat=False, oned_as="column")
-        )
-    return document
+        return
+    content = _matlab(document)
+    documents.write_atomic(
+        out, lambda path: io.savemat(path, content, appendmat=False, oned_as="column")
+    )
 
 
 def _matlab(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -141,8 +143,22 @@ def test_outputs_are_the_states_and_the_load(made) -> None:
     np.testing.assert_array_equal(found.mean.C[:8], np.eye(8))
     force = 0.5 * DENSITY * AIRSPEED**2 * 0.55
     place = list(OUTPUTS).index("az"), list(STATES).index("alpha")
-    assert found.mean.C[place] == pytest.approx(-5.0 * force / 11.0, rel=1e-9)
+    assert found.mean.C[place] == pytest.approx(-5.0 * force / 11.0, rel=1e-8)
     assert found.mean.D[place[0], list(found.inputs).index("elevator")] == pytest.approx(
         -0.13 * force / 11.0
     )
     assert list(found.inputs.values()) == ["rad", "rad", "rad", "1"]
+
+
+def test_at_a_breakpoint_of_the_thrust_table_intervals_stay_what_they_are_beside_it() -> None:
+    """Rounding put some of the differenced models on the other side: a damping of 0.4 ± 44."""
+    aircraft = flying()
+    [engine] = aircraft.propulsion
+    bent = replace(engine, airspeed=(10.0, AIRSPEED, 30.0), thrust=((0.0,) * 3, (40.0, 32.0, 20.0)))
+    solver = Linearisation(replace(aircraft, propulsion=(bent,)))
+    covariance = linear.stated_covariance(aircraft)
+    at, beside = (
+        solver.at(trim.find(solver.aircraft, speed, HEIGHT, DENSITY), covariance)
+        for speed in (AIRSPEED, AIRSPEED + 0.01)
+    )
+    np.testing.assert_allclose(at.deviation.A[0], beside.deviation.A[0], rtol=0.01, atol=1e-6)
