@@ -192,6 +192,14 @@ def test_a_damaged_stamp_is_counted_and_left_out() -> None:
     assert found.streams["ATTITUDE"].time[-1] == pytest.approx(0.29)
 
 
+def test_a_sensor_with_an_impossible_number_is_no_sensor() -> None:
+    """In text a damaged digit made the number of a sensor negative, and the reader failed on it."""
+    data = flight(0.2).text.replace(b"IMU, 1000000, 0,", b"IMU, 1000000, -7,")
+    streams = recording(text.read(data), source="log", sha256="").streams
+    assert streams["RAW_IMU"].count == 19
+    assert streams["SCALED_IMU2"].count == 20
+
+
 def test_two_logs_in_one_file_follow_each_other() -> None:
     data = flight(4.0).binary
     found = recording(read(data + data), source="log", sha256="")

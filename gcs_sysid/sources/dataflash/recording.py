@@ -25,6 +25,8 @@ _GPS_EPOCH_S = 315_964_800
 _WEEK_S = 604_800
 _LEAP_S = ((1_167_264_017, 18), (1_119_744_016, 17), (0, 16))
 """From which GPS second on it is ahead of UTC by how much (IERS Bulletin C 52 and 49)."""
+_MOST = 256
+"""Instances are numbered in a byte."""
 _FIX = 3
 """Status of a receiver from which on it has a position in three dimensions."""
 _KINDS: Mapping[str, str] = {
@@ -171,7 +173,9 @@ def _instances(messages: Messages) -> Iterator[tuple[int, Messages]]:
         yield 0, messages
         return
     numbers = messages.value(field)
-    for number in np.unique(numbers[np.isfinite(numbers)]).tolist():
+    # Of a damaged line in text the number may be anything.
+    sane = (numbers >= 0.0) & (numbers < _MOST) & (numbers == np.floor(numbers))
+    for number in np.unique(numbers[sane]).tolist():
         yield int(number), _subset(messages, numbers == number)
 
 
