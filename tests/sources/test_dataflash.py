@@ -195,9 +195,10 @@ def test_a_damaged_stamp_is_counted_and_left_out() -> None:
 def test_a_sensor_with_an_impossible_number_is_no_sensor() -> None:
     """In text a damaged digit made the number of a sensor negative, and the reader failed on it."""
     data = flight(0.2).text.replace(b"IMU, 1000000, 0,", b"IMU, 1000000, -7,")
-    streams = recording(text.read(data), source="log", sha256="").streams
-    assert streams["RAW_IMU"].count == 19
-    assert streams["SCALED_IMU2"].count == 20
+    found = recording(text.read(data), source="log", sha256="")
+    assert found.streams["RAW_IMU"].valid("p").sum() == 19
+    assert found.streams["SCALED_IMU2"].valid("p").sum() == 20
+    assert found.lost["bad_instance"] == 1
 
 
 def test_two_logs_in_one_file_follow_each_other() -> None:

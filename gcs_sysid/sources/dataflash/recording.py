@@ -99,7 +99,11 @@ def recording(
         streams=_wrapped(streams),
         parameters=parameters,
         texts=tuple((1e-6 * (time - origin_us), line) for time, line in texts),
-        lost={**log.lost, "dropped": _dropped(log.messages.get("DSF"))},
+        lost={
+            **log.lost,
+            "bad_instance": _impossible(log),
+            "dropped": _dropped(log.messages.get("DSF")),
+        },
         clock_notes=(*notes, *absent),
     )
 
@@ -173,10 +177,20 @@ def _instances(messages: Messages) -> Iterator[tuple[int, Messages]]:
         yield 0, messages
         return
     numbers = messages.value(field)
-    # Of a damaged line in text the number may be anything.
-    sane = (numbers >= 0.0) & (numbers < _MOST) & (numbers == np.floor(numbers))
-    for number in np.unique(numbers[sane]).tolist():
+    for number in np.unique(numbers[_possible(numbers)]).tolist():
         yield int(number), _subset(messages, numbers == number)
+
+
+def _possible(numbers: Float[np.ndarray, " message"]) -> Bool[np.ndarray, " message"]:
+    """Which numbers of sensors can be: of a damaged line in text they may be anything."""
+    return (numbers >= 0.0) & (numbers < _MOST) & (numbers == np.floor(numbers))
+
+
+def _impossible(log: DataflashLog) -> int:
+    """Messages left out because the number of their sensor cannot be."""
+    read = (log.messages.get(name) for name in {one.message for one in channels.READINGS})
+    fields = [(one, one.format.instance) for one in read if one is not None and one.time_us.size]
+    return sum(int(np.sum(~_possible(one.value(name)))) for one, name in fields if name)
 
 
 def _primary(messages: Messages, others: Mapping[str, Messages]) -> Messages:
