@@ -45,7 +45,7 @@ _PAIRS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 
 @dataclass(frozen=True)
 class Offset:
-    """Flight clock minus CAN clock [s], one standard deviation, and by which signal."""
+    """Shift of the bus' streams to the flight's [s], its deviation, and by which signal."""
 
     value: float
     deviation: float
@@ -82,9 +82,10 @@ def beside(recording: Recording, path: Path) -> Recording:
             fix="record an inertial unit, airspeed or pressure on the bus, or ask the autopilot to "
             "tunnel it (CAN_FRAME)",
         )
+    ahead = offset.value + 1e-6 * (recording.epoch_us - start_us)
     note = (
-        f"{path.name}: CAN clock put on the flight's by {offset.signal}, offset "
-        f"{offset.value:.4f} s with a deviation of {1e3 * offset.deviation:.1f} ms"
+        f"{path.name}: CAN clock put on the flight's by {offset.signal}, offset {ahead:.4f} s with "
+        f"a deviation of {1e3 * offset.deviation:.2g} ms"
     )
     moved = {
         name: replace(stream, time=stream.time + offset.value, link_time=stream.time + offset.value)
