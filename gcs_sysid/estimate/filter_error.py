@@ -43,11 +43,6 @@ LONGEST_LOG_STEP = 0.5
 SAMPLE_ROWS = 1000
 """Rows on which the information about intensities is worked out; it is needed roughly only."""
 MOST_TRIALS = 7
-DIFFERENCE = 0.01
-"""Step, in deviations, over which the slope's change is taken."""
-LEAST_CURVATURE = 1e-4
-"""Of the density, where one is that of the information: below it lies what the summit's
-neighbourhood does not show, and a deviation is a hundred times the bound."""
 Change = tuple[np.ndarray, np.ndarray]
 """A step, and the change of the slope over it."""
 
@@ -318,30 +313,6 @@ class _Problem:
         share = self.flight.rows.step.shape[0] / SAMPLE_ROWS
         return np.asarray(matrix) * share
 
-    def _observed(
-        self,
-        point: _Point,
-        curvature: Float[np.ndarray, "parameter parameter"],
-        free: Bool[np.ndarray, " parameter"],
-    ) -> Float[np.ndarray, "free free"]:
-        """Covariance from the curvature of the density itself, by differences of its slope.
-
-        The information at fixed gains holds what the flight tells once its gusts are known. A
-        derivative and the intensity of the gusts that excite it can change together and leave all
-        innovations as they are; only the full curvature knows.
-        """
-        scale = 1.0 / np.sqrt(np.diagonal(curvature)[free])
-        here = self.slope(point)
-        columns = []
-        for index, size in zip(np.flatnonzero(free), scale, strict=True):
-            step = np.zeros(here.size)
-            step[index] = DIFFERENCE * size
-            moved = self.slope(point._replace(values=point.values + step))
-            columns.append((moved - here)[free] * scale / DIFFERENCE)
-        values, vectors = np.linalg.eigh(0.5 * (np.array(columns) + np.array(columns).T))
-        spread = (vectors / np.maximum(values, LEAST_CURVATURE)) @ vectors.T
-        return scale[:, None] * spread * scale[None, :]
-
     def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
         unknowns = self.unknowns(point.values)
         nominal, smoothed = aided_smoother.iterated(
@@ -355,7 +326,7 @@ class _Problem:
         curvature = self.curvature(point, intensities=True)
         free = ~self._held
         covariance = np.zeros_like(curvature)
-        covariance[np.ix_(free, free)] = self._observed(point, curvature, free)
+        covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
         keys = derivative_keys(unknowns.means.aerodynamics)
         chosen = np.arange(len(keys))
         count = self.mean_count
@@ -417,23 +388,25 @@ def noise_information(
         rows: the flight about its nominal.
         step: lengths of its steps [s].
     """
+    halves = jax.vmap(aided.half_of)(rows.transition)
 
     def spreads(values: Float[Array, " intensity"]) -> Float[Array, "sample row row"]:
         noise = positive(unravel(values))
         white = aided.measurement_variance(noise)
 
         def ahead(
-            before: Float[Array, "state state"], item: tuple[Linearised, Float[Array, ""]]
+            before: Float[Array, "state state"],
+            item: tuple[Linearised, Float[Array, "state state"], Float[Array, ""]],
         ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
-            row, length = item
-            process = aided.process(row.transition, length, noise)
+            row, half, length = item
+            process = aided.process(half, length, noise)
             predicted = row.transition @ before @ row.transition.T + process
             seen = row.sensitivity @ predicted
             spread = seen @ row.sensitivity.T + jnp.diag(jnp.where(row.present, white, 1.0))
             updated = predicted - seen.T @ jnp.linalg.solve(spread, seen)
             return 0.5 * (updated + updated.T), spread
 
-        return jax.lax.scan(ahead, covariance, (rows, step))[1]
+        return jax.lax.scan(ahead, covariance, (rows, halves, step))[1]
 
     spread = spreads(logs)
     change = jnp.moveaxis(jax.jacfwd(spreads)(logs), -1, 1)

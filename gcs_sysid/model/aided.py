@@ -374,22 +374,31 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
 
 
 def process(
-    transition: Float[Array, "state state"], step: Float[Array, ""], noise: Noise
+    half: Float[Array, "state state"], step: Float[Array, ""], noise: Noise
 ) -> Float[Array, "state state"]:
-    """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds.
+    """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds by Simpson's rule.
 
-    By Simpson's rule, with Φ(dt/2) from the series of the root of Φ. A gust that arrives early in
-    the step has moved the aircraft by its end, one that arrives late has not: taken as arriving
-    together they would tell the filter what no sensor can know.
+    A gust that arrives early in the step has moved the aircraft by its end, one that arrives late
+    has not: taken as arriving together they would tell the filter what no sensor can know.
+
+    Args:
+        half: transition over half the step.
+        step: its length [s].
+        noise: intensities.
     """
-    unit = jnp.eye(SIZE)
-    change = transition - unit
-    root = unit + change @ (unit / 2.0 - change @ (unit / 8.0 - change / 16.0))
     coupling = air.coupling_matrix(noise.turbulence)
     shape = jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(coupling)
     late = (shape * process_density(noise)[None, :]) @ shape.T
-    middle, early = root @ late @ root.T, transition @ late @ transition.T
+    middle = half @ late @ half.T
+    early = half @ middle @ half.T
     return step / 6.0 * (late + 4.0 * middle + early)
+
+
+def half_of(transition: Float[Array, "state state"]) -> Float[Array, "state state"]:
+    """Transition over half the step: the root, by its series."""
+    unit = jnp.eye(SIZE)
+    change = transition - unit
+    return unit + change @ (unit / 2.0 - change @ (unit / 8.0 - change / 16.0))
 
 
 def process_density(noise: Noise) -> Float[Array, " state"]:
@@ -407,10 +416,88 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
     )
 
 
+def jacobian(
+    aircraft: Aircraft,
+    means: Means,
+    turbulence: Turbulence,
+    state: State,
+    row: Row,
+    when: Int[Array, ""] | int,
+) -> Float[Array, "state state"]:
+    """Rate of change of an error state with the error state.
+
+    Wind and gust act through the velocity through the air only, so that their columns are those of
+    the velocity over ground, and what decays by itself needs no differentiation.
+    """
+    parts = ("attitude", "velocity", "rate", "spin")
+
+    def moved(errors: Float[Array, " twelve"]) -> tuple[Array, Array]:
+        error = jnp.zeros(SIZE)
+        for name, part in zip(parts, jnp.split(errors, len(parts)), strict=True):
+            error = error.at[BLOCKS[name]].set(part)
+        change, rate = _change(aircraft, means, compose(state, error), row, when)
+        return jnp.concatenate([rate, change.velocity, change.rate]), rate
+
+    found, rate = jax.jacfwd(moved, has_aux=True)(jnp.zeros(3 * len(parts)))
+    columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
+    columns["wind"] = columns["gust"] = -columns["velocity"]
+    matrix = jnp.zeros((SIZE, SIZE))
+    for name, column in columns.items():
+        matrix = matrix.at[0:9, BLOCKS[name]].set(column)
+    x, y, z = rate
+    still = jnp.zeros_like(x)
+    turning = jnp.array([[still, -z, y], [z, still, -x], [-y, x, still]])
+    matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
+    forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
+    matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
+    return matrix.at[9:, 9:].set(_decay(turbulence))
+
+
+def _decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
+    """How air, attitude error and push change by themselves."""
+
+    def change(values: Float[Array, " thirteen"]) -> Float[Array, " thirteen"]:
+        wind, gust, spin, attitude_error, push = jnp.split(values, (3, 6, 9, 12))
+        moving = air.drift(Air(wind, gust, spin), turbulence)
+        slow = (-attitude_error / ATTITUDE_ERROR_TIME, -push / PUSH_TIME)
+        return jnp.concatenate([*moving, *slow])
+
+    return jax.jacfwd(change)(jnp.zeros(SIZE - 9))
+
+
+def _seen(
+    aircraft: Aircraft, means: Means, state: State, row: Row
+) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
+    """Sensitivity of the expected measurements to an error state, and the innovation."""
+    parts = ("attitude", "velocity", "rate", "spin", "attitude_error", "push")
+    sizes = [BLOCKS[name].stop - BLOCKS[name].start for name in parts]
+    ends = [int(end) for end in np.cumsum(sizes)]
+
+    def left(errors: Float[Array, " sixteen"]) -> tuple[Array, Array]:
+        error = jnp.zeros(SIZE)
+        for name, part in zip(parts, jnp.split(errors, ends[:-1]), strict=True):
+            error = error.at[BLOCKS[name]].set(part)
+        found = innovation(aircraft, means, compose(state, error), row)
+        return found, found
+
+    found, residual = jax.jacfwd(left, has_aux=True)(jnp.zeros(ends[-1]))
+    columns = dict(zip(parts, jnp.split(-found, ends[:-1], axis=1), strict=True))
+    # Of the velocity over ground, all but its own measurement comes from the air.
+    through = columns["velocity"].at[ROWS["velocity"]].add(-jnp.eye(3))
+    columns["wind"] = columns["gust"] = -through
+    matrix = jnp.zeros((ROW_COUNT, SIZE))
+    for name, column in columns.items():
+        matrix = matrix.at[:, BLOCKS[name]].set(column)
+    return matrix, residual
+
+
 def linearise(
     aircraft: Aircraft, means: Means, noise: Noise, before: State, after: State, row: Row
 ) -> Linearised:
     """One row about a nominal flight.
+
+    The transition is the exponential's series to the order of the scheme, of the Jacobian in the
+    middle of the step, half a step at a time.
 
     Args:
         aircraft: what is looked up; its aerodynamic terms are those of `means`.
@@ -420,25 +507,20 @@ def linearise(
         after: nominal state at its end.
         row: the sample.
     """
-    zero = jnp.zeros(SIZE)
-
-    def ahead(error: Float[Array, " state"]) -> tuple[Array, Array]:
-        start = compose(before, error)
-        moved = difference(advance(aircraft, means, noise.turbulence, start, row), after)
-        return moved, moved
-
-    def seen(error: Float[Array, " state"]) -> tuple[Array, Array]:
-        left = innovation(aircraft, means, compose(after, error), row)
-        return left, left
-
-    transition, offset = jax.jacfwd(ahead, has_aux=True)(zero)
-    sensitivity, residual = jax.jacfwd(seen, has_aux=True)(zero)
+    middle = compose(before, 0.5 * difference(after, before))
+    unit = jnp.eye(SIZE)
+    rates = 0.5 * row.step * jacobian(aircraft, means, noise.turbulence, middle, row, 1)
+    half = unit + rates / 4.0
+    for order in (3.0, 2.0, 1.0):
+        half = unit + rates @ half / order
+    moved = advance(aircraft, means, noise.turbulence, before, row)
+    sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
-        transition=transition,
-        offset=offset,
-        process=process(transition, row.step, noise),
-        sensitivity=jnp.where(present[:, None], -sensitivity, 0.0),
+        transition=half @ half,
+        offset=difference(moved, after),
+        process=process(half, row.step, noise),
+        sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),
         present=present,

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from gcs_sysid.frames import Array
 
+FOOT = 0.3048
 WIND_DRIFT = 0.02
 """Random walk of the steady wind [m/s/√s]: half a metre a second in ten minutes."""
 
@@ -56,6 +57,29 @@ class Turbulence(NamedTuple):
     spin: Float[Array, " two"]
     spin_time: Float[Array, " two"]
     coupling: Float[Array, " four"]
+
+
+def scale_lengths(height: float) -> tuple[float, float]:
+    """Horizontal and vertical scale of turbulence [m] at a height above ground [m].
+
+    MIL-F-8785C (1980), sections 3.7.3.1 and 3.7.3.2: low altitude below 1000 ft, 1750 ft above
+    2000 ft, linear between.
+    """
+    low, high, aloft = 1000.0 * FOOT, 2000.0 * FOOT, 1750.0 * FOOT
+    near = min(max(height, 10.0 * FOOT), low)
+    level = near / (0.177 + 0.000823 * near / FOOT) ** 1.2
+    share = min(max((height - low) / (high - low), 0.0), 1.0)
+    return level + share * (aloft - level), near + share * (aloft - near)
+
+
+def correlation_times(height: float, airspeed: float) -> tuple[float, float]:
+    """Correlation time of horizontal and vertical gusts [s], as first-order processes.
+
+    Those that have Dryden's spectra at low frequency: L/V along the flight path and L/(2V) across
+    it. A horizontal gust is one or the other with the heading, so that the mean is taken.
+    """
+    level, down = scale_lengths(height)
+    return 0.75 * level / airspeed, 0.5 * down / airspeed
 
 
 def drift(air: Air, turbulence: Turbulence) -> Air:

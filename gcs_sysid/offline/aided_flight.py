@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
 from gcs_sysid.estimate.filter_error import Flight, Unknowns
-from gcs_sysid.model import actuators
+from gcs_sysid.model import actuators, air
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -27,7 +27,6 @@ HOLE = 1.5
 """A step longer than this many usual ones is a hole, and is filled with rows without data."""
 SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken."""
-GUST_TIME = 5.0
 SPIN = 0.06
 """First guess of the gust's own rotation [rad/s]."""
 SPIN_TIME = (0.2, 0.12)
@@ -116,9 +115,10 @@ def first_unknowns(
 def _first_noise(rows: Row, states: Reconstruction) -> Noise:
     seen = rows.measured.valid
     level = float(states.noise.gust[0])
+    times = air.correlation_times(float(np.median(rows.height)), float(np.median(states.airspeed)))
     turbulence = Turbulence(
         gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
-        gust_time=jnp.log(jnp.array([GUST_TIME, GUST_TIME])),
+        gust_time=jnp.log(jnp.array(times)),
         spin=jnp.log(jnp.array([SPIN, SPIN])),
         spin_time=jnp.log(jnp.array(SPIN_TIME)),
         coupling=jnp.zeros(4),

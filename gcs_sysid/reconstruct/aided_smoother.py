@@ -304,16 +304,16 @@ def smooth(
     model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
 ) -> Smoothed:
     """Smooths a flight about its nominal; padding rows are kept."""
-    begun, innovations = [start], []
+    begun, innovations, rows = [start], [], []
     for chunk in flight:
-        end, done = linear_filter.run(begun[-1], linearised(model, means, log_noise, chunk))
+        rows.append(linearised(model, means, log_noise, chunk))
+        end, done = linear_filter.run(begun[-1], rows[-1])
         begun.append(end)
         innovations.append((np.asarray(done.log_likelihood), np.asarray(done.whitened)))
     later, pieces = begun[-1], []
-    for chunk, first in zip(reversed(flight), reversed(begun[:-1]), strict=True):
-        rows = linearised(model, means, log_noise, chunk)
-        _, done = linear_filter.run(first, rows)
-        later, smoothed = linear_filter.smooth(later, first, rows, done)
+    for piece, first in zip(reversed(rows), reversed(begun[:-1]), strict=True):
+        _, done = linear_filter.run(first, piece)
+        later, smoothed = linear_filter.smooth(later, first, piece, done)
         pieces.append(jax.tree.map(np.asarray, smoothed))
     pieces.reverse()
     return Smoothed(

@@ -108,7 +108,9 @@ def shortened(flight: Flight, minutes: float) -> Flight:
     def cut(values: np.ndarray) -> np.ndarray:
         return np.asarray(values)[:count]
 
-    return Flight(jax.tree.map(cut, flight.rows), jax.tree.map(cut, flight.nominal), flight.beginning)
+    return Flight(
+        jax.tree.map(cut, flight.rows), jax.tree.map(cut, flight.nominal), flight.beginning
+    )
 
 
 def main() -> None:

@@ -40,3 +40,17 @@ def test_a_dying_gust_turns_the_air_by_the_coupling() -> None:
     np.testing.assert_allclose(change.gust, dying)
     coupled = np.array([0.1 * dying[2], 0.2 * dying[2], 0.3 * dying[0] - 0.4 * dying[1]])
     np.testing.assert_allclose(change.spin, coupled - np.array([0.5, 1.0, -3.0]), rtol=1e-12)
+
+
+def test_scales_of_turbulence_are_those_of_the_specification() -> None:
+    """MIL-F-8785C, figures 10 and 12: 1000 ft at 1000 ft, 1750 ft from 2000 ft up."""
+    foot = air.FOOT
+    np.testing.assert_allclose(air.scale_lengths(1000.0 * foot), 1000.0 * foot, rtol=1e-3)
+    np.testing.assert_allclose(air.scale_lengths(5000.0 * foot), 1750.0 * foot)
+    np.testing.assert_allclose(air.scale_lengths(1500.0 * foot), 1375.0 * foot, rtol=1e-3)
+    level, down = air.scale_lengths(200.0 * foot)
+    assert down == 200.0 * foot
+    np.testing.assert_allclose(level, 200.0 * foot / 0.3416**1.2)
+    np.testing.assert_allclose(
+        air.correlation_times(5000.0 * foot, 25.0), (0.75 * 21.336, 0.5 * 21.336)
+    )
