@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -28,21 +27,22 @@ from jaxtyping import Bool, Float
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
-from gcs_sysid.reconstruct import aided_smoother
+from gcs_sysid.reconstruct import aided_smoother, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import (
     Beginning,
     Chunk,
     FlightModel,
     Smoothed,
-    positive,
 )
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 LONGEST_LOG_STEP = 0.5
 """An intensity changes by no more than this factor's logarithm in a step."""
-SAMPLE_ROWS = 1000
-"""Rows on which the information about intensities is worked out; it is needed roughly only."""
+SAMPLE_ROWS = 500
+"""Rows on which the information of the innovations' covariance is worked out."""
 MOST_TRIALS = 7
+DIFFERENCE = 1e-3
+"""Step of a parameter, in deviations or of a logarithm, for the change of a covariance."""
 Change = tuple[np.ndarray, np.ndarray]
 """A step, and the change of the slope over it."""
 
@@ -240,7 +240,6 @@ class _Problem:
         self.model, self.flight = model, flight
         self._unravel = ravel_pytree(first)[1]
         self.mean_count = ravel_pytree(first.means)[0].size
-        self._unravel_noise = ravel_pytree(first.log_noise)[1]
         self._prior, self._sigma = self.flat(prior), self.flat(sigma)
         held = self._sigma == 0.0
         self._held = held
@@ -287,7 +286,14 @@ class _Problem:
     def curvature(
         self, point: _Point, *, intensities: bool
     ) -> Float[np.ndarray, "parameter parameter"]:
-        """Fisher information and prior."""
+        """Fisher information and prior.
+
+        Args:
+            point: where.
+            intensities: whether they are free. Then the information is that of the innovations'
+                density, of which their covariance is a part; otherwise that of derivatives alone
+                with the air of the smoothed flight.
+        """
         means, logs = self.unknowns(point.values)
         total = np.diag(self._weight)
         count = self.mean_count
@@ -295,23 +301,40 @@ class _Problem:
             self.model, means, logs, point.chunks, point.start, air_known=not intensities
         )
         if intensities:
-            total[count:, count:] += self._noise_information(means, logs, point.chunks)
+            total += self._spread_information(point, np.diagonal(total)[:count])
         return total
 
-    def _noise_information(
-        self, means: Means, logs: Noise, chunks: list[Chunk]
-    ) -> Float[np.ndarray, "intensity intensity"]:
-        chunk = jax.tree.map(lambda part: part[:SAMPLE_ROWS], chunks[len(chunks) // 2])
-        rows = aided_smoother.linearised(self.model, means, logs, chunk)
-        matrix = noise_information(
-            ravel_pytree(logs)[0],
-            self._unravel_noise,
-            self.flight.beginning.covariance,
-            rows,
-            chunk.row.step,
-        )
+    def _spread_information(
+        self, point: _Point, alone: Float[np.ndarray, " mean"]
+    ) -> Float[np.ndarray, "parameter parameter"]:
+        """½ Σ tr(S⁻¹ ∂S S⁻¹ ∂S), S the innovations' covariance, from a stretch of the flight.
+
+        Derivatives change S as well as intensities do: a gust that rolls the aircraft is known by
+        Clp. What both can explain is told by the products between them.
+
+        Args:
+            point: where.
+            alone: information about each mean by itself, for the size of differences.
+        """
+        chunk = point.chunks[len(point.chunks) // 2]
+
+        def rows(values: Float[np.ndarray, " parameter"]) -> Linearised:
+            found = aided_smoother.linearised(self.model, *self.unknowns(values), chunk)
+            return jax.tree.map(lambda part: part[:SAMPLE_ROWS], found)
+
+        here = rows(point.values)
+        settled, _ = linear_filter.run(Belief(point.start.mean, point.start.covariance), here)
+        begun = Belief(jnp.zeros_like(settled.mean), settled.covariance)
+        sizes = np.full(point.values.size, DIFFERENCE)
+        sizes[: self.mean_count] /= np.sqrt(np.maximum(alone, 1.0))
+        changes = np.zeros((point.values.size, SAMPLE_ROWS * aided.ROW_COUNT**2))
+        for index in np.flatnonzero(~self._held):
+            moved = point.values.copy()
+            moved[index] += sizes[index]
+            change = linear_filter.spread_change(begun, here, rows(moved))
+            changes[index] = np.ravel(change) / sizes[index]
         share = self.flight.rows.step.shape[0] / SAMPLE_ROWS
-        return np.asarray(matrix) * share
+        return 0.5 * share * (changes @ changes.T)
 
     def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
         unknowns = self.unknowns(point.values)
@@ -369,46 +392,3 @@ def _bound(
     bound = np.zeros(free.size)
     bound[free] = np.where(hidden, np.inf, np.sqrt(np.diagonal(spread)))
     return bound
-
-
-@partial(jax.jit, static_argnums=1)
-def noise_information(
-    logs: Float[Array, " intensity"],
-    unravel: Callable[[Array], Noise],
-    covariance: Float[Array, "state state"],
-    rows: Linearised,
-    step: Float[Array, " sample"],
-) -> Float[Array, "intensity intensity"]:
-    """½ Σ tr(S⁻¹ ∂S S⁻¹ ∂S), S the innovations' covariance, over log intensities.
-
-    Args:
-        logs: log intensities.
-        unravel: makes a `Noise` of them.
-        covariance: of the deviation before the first row.
-        rows: the flight about its nominal.
-        step: lengths of its steps [s].
-    """
-    halves = jax.vmap(aided.half_of)(rows.transition)
-
-    def spreads(values: Float[Array, " intensity"]) -> Float[Array, "sample row row"]:
-        noise = positive(unravel(values))
-        white = aided.measurement_variance(noise)
-
-        def ahead(
-            before: Float[Array, "state state"],
-            item: tuple[Linearised, Float[Array, "state state"], Float[Array, ""]],
-        ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
-            row, half, length = item
-            process = aided.process(half, length, noise)
-            predicted = row.transition @ before @ row.transition.T + process
-            seen = row.sensitivity @ predicted
-            spread = seen @ row.sensitivity.T + jnp.diag(jnp.where(row.present, white, 1.0))
-            updated = predicted - seen.T @ jnp.linalg.solve(spread, seen)
-            return 0.5 * (updated + updated.T), spread
-
-        return jax.lax.scan(ahead, covariance, (rows, halves, step))[1]
-
-    spread = spreads(logs)
-    change = jnp.moveaxis(jax.jacfwd(spreads)(logs), -1, 1)
-    scaled = jnp.linalg.solve(spread[:, None], change)
-    return 0.5 * jnp.einsum("kaij,kbji->ab", scaled, scaled)

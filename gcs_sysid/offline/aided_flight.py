@@ -32,6 +32,10 @@ SPIN = 0.06
 SPIN_TIME = (0.2, 0.12)
 UNMODELLED = 0.05
 """First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
+LOWEST = 30.0
+"""A log whose usual height is less [m] began in the air, and does not tell the height."""
+ALOFT = 600.0
+"""Height [m] that is then taken for the gusts: where they no longer depend on it."""
 MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 THRUST_ERROR = 0.1
@@ -115,7 +119,10 @@ def first_unknowns(
 def _first_noise(rows: Row, states: Reconstruction) -> Noise:
     seen = rows.measured.valid
     level = float(states.noise.gust[0])
-    times = air.correlation_times(float(np.median(rows.height)), float(np.median(states.airspeed)))
+    height = float(np.median(rows.height))
+    times = air.correlation_times(
+        height if height > LOWEST else ALOFT, float(np.median(states.airspeed))
+    )
     turbulence = Turbulence(
         gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
         gust_time=jnp.log(jnp.array(times)),

@@ -334,3 +334,44 @@ def inform(
 
     total, _ = jax.lax.scan(ahead, sofar, (rows, motion, seen))
     return total
+
+
+@jax.jit
+def spread_change(
+    start: Belief, rows: Linearised, other: Linearised
+) -> Float[Array, "sample row row"]:
+    """First-order change of the innovations' covariance S, whitened: L⁻¹ dS L⁻ᵀ with S = L Lᵀ.
+
+    The gain is where the updated covariance is least, so that its own change counts only in second
+    order and dP = (I − KH) dP⁻ (I − KH)ᵀ + K dR Kᵀ − K dH P⁻ (I − KH)ᵀ − its transpose.
+
+    Args:
+        start: belief at the chunk's beginning, the same for both.
+        rows: the chunk.
+        other: the chunk with matrices that differ a little.
+    """
+    _, done = run(start, rows)
+    none = jnp.zeros_like(rows.residual)
+    moved = jax.tree.map(jnp.subtract, other._replace(present=none), rows._replace(present=none))
+    before = jnp.concatenate([start.covariance[None], done.updated.covariance[:-1]])
+
+    def ahead(
+        change: Float[Array, "state state"], item: tuple[Linearised, Linearised, Filtered, Array]
+    ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
+        row, by, now, earlier = item
+        turned = by.transition @ earlier @ row.transition.T
+        predicted = row.transition @ change @ row.transition.T + turned + turned.T + by.process
+        seen = by.sensitivity @ now.predicted.covariance @ row.sensitivity.T
+        noise = jnp.diag(by.variance)
+        spread = row.sensitivity @ predicted @ row.sensitivity.T + seen + seen.T + noise
+        unit = jax.scipy.linalg.solve_triangular(
+            now.factor, jnp.eye(now.factor.shape[0]), lower=True
+        )
+        gain = now.gain.T @ unit
+        left = jnp.eye(change.shape[0]) - gain @ row.sensitivity
+        mixed = gain @ by.sensitivity @ now.predicted.covariance @ left.T
+        updated = left @ predicted @ left.T + gain @ noise @ gain.T - mixed - mixed.T
+        return updated, unit @ spread @ unit.T
+
+    still = jnp.zeros_like(start.covariance)
+    return jax.lax.scan(ahead, still, (rows, moved, done, before))[1]

@@ -183,3 +183,36 @@ def test_the_smoothed_flight_moves_with_the_matrices_as_the_adjoint_says() -> No
         if name in ("sensitivity", "residual", "variance"):
             found, expected = found[present], expected[present]
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8, err_msg=name)
+
+
+def test_the_innovations_covariance_changes_with_all_matrices() -> None:
+    start, rows = system()
+    rng = np.random.default_rng(6)
+
+    def near(size: float) -> Linearised:
+        draw = {
+            name: getattr(rows, name) + size * moves[name]
+            for name in ("transition", "process", "sensitivity", "variance")
+        }
+        return rows._replace(**draw)
+
+    moves = {
+        name: rng.standard_normal(getattr(rows, name).shape)
+        for name in ("transition", "process", "sensitivity", "variance")
+    }
+    moves["process"] = moves["process"] + np.swapaxes(moves["process"], 1, 2)
+    present = np.asarray(rows.present)
+    moves["sensitivity"] *= present[:, :, None]
+    moves["variance"] *= present
+
+    def spreads(size: float) -> np.ndarray:
+        factor = np.asarray(linear_filter.run(start, near(size))[1].factor)
+        return factor @ np.swapaxes(factor, 1, 2)
+
+    size = 1e-6
+    factor = np.asarray(linear_filter.run(start, rows)[1].factor)
+    wanted = (spreads(size) - spreads(-size)) / 2.0
+    found = factor @ np.asarray(linear_filter.spread_change(start, rows, near(size)))
+    found = found @ np.swapaxes(factor, 1, 2)
+    # Central differences of numbers of order one: good to 1e-16/1e-6 of the change.
+    np.testing.assert_allclose(found, wanted, atol=1e-8 * size / 1e-6)
