@@ -327,13 +327,14 @@ class _Problem:
         begun = Belief(jnp.zeros_like(settled.mean), settled.covariance)
         sizes = np.full(point.values.size, DIFFERENCE)
         sizes[: self.mean_count] /= np.sqrt(np.maximum(alone, 1.0))
-        changes = np.zeros((point.values.size, SAMPLE_ROWS * aided.ROW_COUNT**2))
+        count = here.residual.shape[0]
+        changes = np.zeros((point.values.size, count * aided.ROW_COUNT**2))
         for index in np.flatnonzero(~self._held):
             moved = point.values.copy()
             moved[index] += sizes[index]
             change = linear_filter.spread_change(begun, here, rows(moved))
             changes[index] = np.ravel(change) / sizes[index]
-        share = self.flight.rows.step.shape[0] / SAMPLE_ROWS
+        share = self.flight.rows.step.shape[0] / count
         return 0.5 * share * (changes @ changes.T)
 
     def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
