@@ -4,7 +4,8 @@ The innovations of the aided filter are independent if the model is right, so th
 the likelihood of everything in it (Maine & Iliff, NASA RP-1138, 1985; Jategaonkar, *Flight Vehicle
 System Identification*, 2nd ed. 2015, chapter 5). Maximised by Levenberg–Marquardt steps with the
 exact gradient; the curvature is the Fisher information, of means from the innovations'
-sensitivities, of intensities from those of their covariance, ½ tr(S⁻¹ ∂S S⁻¹ ∂S).
+sensitivities, of means and intensities together from those of their covariance,
+½ tr(S⁻¹ ∂S S⁻¹ ∂S). Its inverse is the covariance that is told.
 
 Three stages, since a filter with wrong derivatives would rather believe in wrong intensities:
 derivatives alone with intensities from the sensors and the turbulence model; derivatives and
@@ -28,12 +29,7 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
 from gcs_sysid.reconstruct import aided_smoother, linear_filter
-from gcs_sysid.reconstruct.aided_smoother import (
-    Beginning,
-    Chunk,
-    FlightModel,
-    Smoothed,
-)
+from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk, FlightModel, Smoothed
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 LONGEST_LOG_STEP = 0.5
@@ -106,7 +102,7 @@ class Fit:
         deviation: one standard deviation of each.
         covariance: of the derivatives, in the order of `keys`.
         keys: coefficient and regressor of each derivative.
-        bound: one standard deviation by the flight alone, were all gusts and intensities known.
+        bound: one standard deviation by the flight alone, were all intensities known.
         states: smoothed flight, one state a row.
         smoothed: its covariance, the innovations.
         objective: negative log posterior after each step.

@@ -19,6 +19,7 @@ from pymavlink import mavutil
 
 from gcs_sysid.errors import SourceError
 from gcs_sysid.sources import adapters
+from gcs_sysid.sources.closing import Closing
 
 SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
 """Beginnings of link addresses; a serial device is a path: /dev/ttyUSB0,57600 or COM3,57600."""
@@ -58,7 +59,7 @@ def now_us() -> int:
     return time.time_ns() // 1000
 
 
-class Link:
+class Link(Closing):
     """An open link. Use as a context, or call `close`.
 
     Args:
@@ -73,17 +74,6 @@ class Link:
     def __init__(self, address: str) -> None:
         self.address = address
         self._port = _open(address)
-
-    def __enter__(self) -> Link:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def local_port(self) -> int:

@@ -14,7 +14,6 @@ import math
 import queue
 import time
 from functools import cache
-from types import TracebackType
 from typing import Any
 
 from mavsdk import (
@@ -29,6 +28,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 from pymavlink.dialects.v20 import all as dialect
 
 from gcs_sysid.errors import SourceError
+from gcs_sysid.sources.closing import Closing
 
 SCHEME = "mavsdk:"
 _LOG = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ _LEVELS = {
 }
 
 
-class MavsdkLink:
+class MavsdkLink(Closing):
     """An open link. Use as a context, or call `close`.
 
     Args:
@@ -75,17 +75,6 @@ class MavsdkLink:
                 f"MAVSDK cannot open it ({reason})",
                 fix="write it as mavsdk:udpin://0.0.0.0:14540, and check that nothing else uses it",
             )
-
-    def __enter__(self) -> MavsdkLink:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def read(self, timeout_s: float) -> bytes:
         """Frames of what arrived, waiting for it up to `timeout_s`; empty if nothing did."""

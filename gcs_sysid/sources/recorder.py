@@ -7,15 +7,15 @@ import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 from gcs_sysid.errors import SourceError
+from gcs_sysid.sources.closing import Closing
 from gcs_sysid.sources.stream import Batch
 
 _SYNC_S = 1.0
 
 
-class Recorder:
+class Recorder(Closing):
     """A .tlog being written: each frame as received, behind its arrival time. Use as a context.
 
     Each batch is handed to the operating system at once, and to the disk every second: a program
@@ -52,17 +52,6 @@ class Recorder:
         except OSError as error:
             raise self._failed(error) from error
         self._synced = clock()
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def write(self, batch: Batch) -> None:
         """Adds the frames of a batch.

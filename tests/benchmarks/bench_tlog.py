@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 
+import rate
 import table
 from pymavlink import mavutil
 
@@ -40,22 +39,11 @@ def whole(path: Path) -> int:
     return open_recording(path).vehicle.messages
 
 
-def rate(read: Callable[[Path], int], path: Path, rounds: int) -> tuple[int, float]:
-    """Messages, and the best rate of some rounds [1/CPU s]: other programs only slow it down."""
-    best = float("inf")
-    count = 0
-    for _ in range(rounds):
-        begin = time.process_time()
-        count = read(path)
-        best = min(best, time.process_time() - begin)
-    return count, count / best
-
-
 def row(path: Path) -> tuple[str, int, str, str, str, str]:
-    count, theirs = rate(by_pymavlink, path, 2)
-    ours_count, ours = rate(by_us, path, ROUNDS)
+    count, theirs = rate.best(by_pymavlink, path, 2)
+    ours_count, ours = rate.best(by_us, path, ROUNDS)
     assert ours_count == count, f"{path}: {ours_count} messages, pymavlink {count}"
-    _, finished = rate(whole, path, ROUNDS)
+    _, finished = rate.best(whole, path, ROUNDS)
     return (
         f"{path.parent.name}/{path.name}",
         count,
