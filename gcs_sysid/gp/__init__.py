@@ -1,0 +1,1 @@
+"""Gaussian processes of the aerodynamic coefficients: exact, approximated, incremental."""
