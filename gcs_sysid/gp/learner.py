@@ -1,0 +1,109 @@
+"""Learning sample by sample, flight by flight: constant time, constant memory, and forgetting.
+
+Each flight has its own sum of information; the posterior comes from their total. A sample is added
+in compiled code of one fixed shape. Between two refreshes the posterior is that of the batch, in
+whatever order the samples came.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from gcs_sysid.errors import UsageError
+from gcs_sysid.gp import inducing, reservoir
+from gcs_sysid.gp.inducing import Basis, Information
+from gcs_sysid.gp.posterior import Posterior
+from gcs_sysid.gp.reservoir import Reservoir
+from gcs_sysid.gp.samples import Rows, padded
+
+BATCH = 512
+"""Rows a compiled step takes of a batch; a single sample has a step of its own."""
+
+
+@dataclass(frozen=True)
+class Learner:
+    """All that was learned.
+
+    Attributes:
+        base: prior and inducing points.
+        total: information of all flights.
+        flights: information of each, by its number.
+        store: a bounded draw of the samples, from which a refresh is made.
+        count: samples seen, less those forgotten.
+        counts: of each flight.
+    """
+
+    base: Basis
+    total: Information
+    flights: Mapping[int, Information]
+    store: Reservoir
+    counts: Mapping[int, int]
+
+    @property
+    def count(self) -> int:
+        """Samples that the posterior rests on."""
+        return sum(self.counts.values())
+
+
+def start(base: Basis, *, capacity: int) -> Learner:
+    """Before the first sample; `capacity` samples are kept for refreshes."""
+    outputs, inputs = base.noise.shape[0], base.points.inputs.shape[1]
+    return Learner(
+        base=base,
+        total=inducing.nothing(base.points.output.shape[0]),
+        flights={},
+        store=reservoir.empty(capacity, inputs=inputs, outputs=outputs),
+        counts={},
+    )
+
+
+def observe(learner: Learner, some: Rows, flight: int) -> Learner:
+    """After one sample or a batch of one flight."""
+    count = some.inputs.shape[0]
+    size = 1 if count == 1 else BATCH
+    total = learner.total
+    own = learner.flights.get(flight) or inducing.nothing(total.vector.shape[0])
+    for batch in padded(some, size):
+        told = inducing.told(learner.base, batch)
+        total, own = inducing.plus(total, told), inducing.plus(own, told)
+    return replace(
+        learner,
+        total=total,
+        flights={**learner.flights, flight: own},
+        store=reservoir.with_rows(learner.store, some, flight),
+        counts={**learner.counts, flight: learner.counts.get(flight, 0) + count},
+    )
+
+
+def forget(learner: Learner, flight: int) -> Learner:
+    """As if a flight had never been.
+
+    Raises:
+        UsageError: there is no such flight.
+    """
+    if flight not in learner.flights:
+        known = ", ".join(map(str, learner.flights)) or "none"
+        raise UsageError(f"no flight {flight} to forget; known: {known}")
+    left = {number: told for number, told in learner.flights.items() if number != flight}
+    # Summed anew: what is taken away from a sum would leave its rounding behind.
+    total = inducing.nothing(learner.total.vector.shape[0])
+    for told in left.values():
+        total = inducing.plus(total, told)
+    return replace(
+        learner,
+        total=total,
+        flights=left,
+        store=reservoir.without_flight(learner.store, flight),
+        counts={number: count for number, count in learner.counts.items() if number != flight},
+    )
+
+
+def posterior(learner: Learner) -> Posterior:
+    """What all flights say."""
+    return inducing.posterior(learner.base, learner.total)
+
+
+def without(learner: Learner, flight: int) -> Posterior:
+    """What all flights but one say: for judging the model on what it has not seen."""
+    return inducing.posterior(learner.base, inducing.minus(learner.total, learner.flights[flight]))
