@@ -24,6 +24,8 @@ def document(
     phase: str,
     recorded: int,
     lost: Mapping[str, int],
+    now_us: int | None = None,
+    health: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """State, coefficients and derivatives with sd, latencies and counts.
 
@@ -33,6 +35,8 @@ def document(
         phase: what is going on, in words.
         recorded: frames written to the recording.
         lost: what could not be used, counted by reason.
+        now_us: the ground station's clock, from which ages count; None leaves them out.
+        health: of the link: whether it is up, rates and ages of its messages, what was asked for.
     """
     newest, epoch = station.newest, station.rows.epoch_us
     vehicle = station.decoder.vehicle
@@ -48,6 +52,11 @@ def document(
         "time_us": None
         if newest is None or epoch is None
         else epoch + round(newest.row.time * 1e6),
+        "written_us": now_us,
+        "state_age_s": None
+        if newest is None or now_us is None
+        else round((now_us - newest.row.link_us) * 1e-6, 3),
+        "health": dict(health or {}),
         "state": {} if newest is None else state(newest),
         "coefficients": coefficients(station),
         "derivatives": {

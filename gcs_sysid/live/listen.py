@@ -7,9 +7,8 @@ into it, the filter works in short turns in between, and whoever shows its resul
 from __future__ import annotations
 
 import logging
-import threading
-import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,33 +16,50 @@ from typing import Any, Literal
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
-from gcs_sysid.live import document, warming
+from gcs_sysid.live import snapshot, warming
+from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session, Show
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents, identify
 from gcs_sysid.offline.identify import file_prior
-from gcs_sysid.sources.link import LinkReader, Mailbox, now_us, open_link
-from gcs_sysid.sources.recorder import Recorder
+from gcs_sysid.sources.can.tunnel import SCHEME as BUS_SCHEME
+from gcs_sysid.sources.link import LinkReader, Mailbox, bytes_per_second, is_link
+from gcs_sysid.sources.reconnecting import ReconnectingLink, open_lasting
+from gcs_sysid.sources.recorder import PART_BYTES, Recorder
+from gcs_sysid.sources.requests import Needs, Requests
+from gcs_sysid.sources.sender import Sender
 from gcs_sysid.sources.signing import Signatures, load_key
-from gcs_sysid.sources.stream import FrameStream
 
 RECORDING, LIVE = "recording.tlog", "live.json"
 QUIET_S = 10.0
-PATIENCE_S = 0.1
-"""Longest wait for news [s], and so for a wish to stop to be noticed."""
-TURN_US = 50_000
-"""The filter lets the recording go on at least so often [µs]."""
-PUBLISH_S = 1.0
 
-Show = Callable[[Mapping[str, Any]], None]
 _LOG = logging.getLogger(__name__)
+_CLOCK = Clock()
 
 
 @dataclass(frozen=True)
-class Clock:
-    """Time as a run sees it: seconds that never fall, and the ground station's own [µs]."""
+class Options:
+    """How to listen.
 
-    seconds: Callable[[], float] = time.monotonic
-    us: Callable[[], int] = now_us
+    Attributes:
+        prior: start the first model from the file's aerodynamics, or ignore their values.
+        vehicle: MAVLink system id to follow; None takes the first autopilot heard.
+        quiet_after: silence after data that ends the run [s].
+        resume: continue the recording and the model that the folder holds.
+        sign_key: file with the secret key: frames without a good signature are left out, and what
+            is sent is signed.
+        silent: send nothing, not even a heartbeat.
+        can: bus beside the link, `can:INTERFACE:CHANNEL`.
+        part_bytes: size at which another part of the recording begins.
+    """
+
+    prior: Literal["file", "none"] = "file"
+    vehicle: int | None = None
+    quiet_after: float = QUIET_S
+    resume: bool = False
+    sign_key: Path | None = None
+    silent: bool = False
+    can: str | None = None
+    part_bytes: int = PART_BYTES
 
 
 @dataclass(frozen=True)
@@ -53,7 +69,8 @@ class Ending:
     Attributes:
         why: `quiet`, `stopped` by the user, or `closed` by the other end.
         live: the last live document.
-        recording: the recording.
+        recording: the newest part of the recording.
+        parts: all parts, the newest last.
         note: what the link said when it closed; empty otherwise.
     """
 
@@ -61,135 +78,56 @@ class Ending:
     live: Mapping[str, Any]
     recording: Path
     note: str = ""
-
-
-class Session:
-    """One link being listened to, step by step.
-
-    Args:
-        link: its address, for people.
-        mailbox: what the link brings.
-        recorder: where it goes first.
-        station: what is made of it.
-        publish: gets the live document once a second.
-        clock: time.
-        signatures: lets frames with a good signature through only; None lets all through.
-    """
-
-    def __init__(
-        self,
-        link: str,
-        *,
-        mailbox: Mailbox,
-        recorder: Recorder,
-        station: Station,
-        publish: Show,
-        clock: Clock,
-        signatures: Signatures | None = None,
-    ) -> None:
-        self._link = link
-        self._mailbox = mailbox
-        self._recorder = recorder
-        self._station = station
-        self._publish = publish
-        self._clock = clock
-        self._frames = FrameStream(signatures=signatures)
-        self._opened = self._published = clock.seconds()
-        self._heard: float | None = None
-        self.ready = threading.Event()
-
-    @property
-    def heard(self) -> bool:
-        """Whether anything arrived."""
-        return self._heard is not None
-
-    @property
-    def silence(self) -> float:
-        """Time since something arrived, or since the start [s]."""
-        since = self._opened if self._heard is None else self._heard
-        return self._clock.seconds() - since
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the link is closed and everything it brought was worked on."""
-        return self._mailbox.closed and self._mailbox.empty and self._station.idle
-
-    def turn(self) -> None:
-        """Records what has arrived, then filters for a while, then publishes if it is time.
-
-        Raises:
-            SourceError: the recording cannot go on.
-        """
-        working = self.ready.is_set() and not self._station.idle
-        for chunk in self._mailbox.take(0.0 if working else PATIENCE_S):
-            batch = self._frames.feed(chunk.data, chunk.link_us)
-            self._recorder.write(batch)
-            self._station.receive(batch)
-            self._heard = self._clock.seconds()
-        if self.ready.is_set():
-            self._station.work(self._clock.us() + TURN_US)
-        if self._clock.seconds() - self._published >= PUBLISH_S:
-            self._published = self._clock.seconds()
-            self._publish(self.document(self._phase()))
-
-    def _phase(self) -> str:
-        if not self.heard:
-            return f"waiting for data on {self._link} ({self.silence:.0f} s)"
-        if not self.ready.is_set():
-            return "recording; the filter is being compiled"
-        quiet = f", quiet for {self.silence:.0f} s" if self.silence >= 2.0 else ""
-        return self._station.phase() + quiet
-
-    def document(self, phase: str) -> dict[str, Any]:
-        """The live document now."""
-        return document.document(
-            self._station,
-            link=self._link,
-            phase=phase,
-            recorded=self._recorder.frames,
-            lost={**self._frames.lost, "mailbox_full": self._mailbox.dropped},
-        )
+    parts: tuple[Path, ...] = ()
 
 
 def run(
     link: str,
     aircraft: Aircraft,
+    options: Options,
     *,
-    prior: Literal["file", "none"],
-    vehicle: int | None,
-    quiet_after: float,
-    resume: bool,
     out: Path,
     show: Show,
     stopped: Callable[[], bool],
-    sign_key: Path | None = None,
-    clock: Clock = Clock(),
+    say: Callable[[str], None] = _LOG.info,
+    clock: Clock = _CLOCK,
 ) -> Ending:
     """Listens until the link falls quiet, is closed, or the user has enough.
 
     Args:
         link: address.
         aircraft: its file.
-        prior: start the first model from the file's aerodynamics, or ignore their values.
-        vehicle: MAVLink system id to follow; None takes the first autopilot heard.
-        quiet_after: silence after data that ends the run [s].
-        resume: continue the recording that `out` holds.
-        out: existing folder for `recording.tlog` and `live.json`.
+        options: how to listen.
+        out: existing folder for `recording.tlog`, `live.json` and the model's snapshots.
         show: gets the live document once a second; when it fails, listening goes on without.
         stopped: whether the user wants to end.
-        sign_key: file with the secret key; frames without a good signature are then left out.
+        say: takes a sentence for the user, now and then.
         clock: time.
 
     Raises:
-        SourceError: the link cannot be opened, nothing at all arrived, or the recording failed.
+        SourceError: a link cannot be opened, nothing at all arrived, or the recording failed.
+        InputError: the model's snapshot cannot be continued.
     """
-    believed = file_prior(aircraft) if prior == "file" else None
+    believed = file_prior(aircraft) if options.prior == "file" else None
     compiled = Compiled(aircraft)
-    station = Station(aircraft, compiled, prior=believed, vehicle=vehicle, clock_us=clock.us)
+    station = Station(
+        aircraft, compiled, prior=believed, vehicle=options.vehicle, clock_us=clock.us
+    )
+    if options.can is not None and not options.can.startswith(BUS_SCHEME):
+        raise SourceError(options.can, "is no CAN bus", fix="write it as can:socketcan:can0")
+    key = load_key(options.sign_key) if options.sign_key is not None else None
     mailbox = Mailbox()
-    publish = _publisher(out / LIVE, show)
-    signatures = Signatures(load_key(sign_key)) if sign_key is not None else None
-    with open_link(link) as opened, Recorder(out / RECORDING, append=resume) as recorder:
+    publish = _publisher(out, show, station, clock)
+    with ExitStack() as opened:
+        main = opened.enter_context(open_lasting(link))
+        bus = None if options.can is None else opened.enter_context(open_lasting(options.can))
+        recorder = opened.enter_context(
+            Recorder(out / RECORDING, append=options.resume, part_bytes=options.part_bytes)
+        )
+        if options.resume:
+            say(_resumed(recorder, station, out))
+        reader = LinkReader(main, mailbox, clock_us=clock.us)
+        asks = is_link(link) and not options.silent
         session = Session(
             link,
             mailbox=mailbox,
@@ -197,18 +135,24 @@ def run(
             station=station,
             publish=publish,
             clock=clock,
-            signatures=signatures,
+            signatures=None if key is None else Signatures(key),
+            asking=Asking(Requests(Sender(key), _needs(aircraft, link)), reader.send)
+            if asks
+            else None,
+            line=lambda: _line(main),
         )
-        with (
-            LinkReader(opened, mailbox, clock_us=clock.us) as reader,
-            warming.started(aircraft, compiled, session.ready),
-        ):
-            why = _listen(session, stopped, quiet_after)
-        note = "" if reader.failure is None or why != "closed" else reader.failure.what
+        with ExitStack() as running:
+            running.enter_context(reader)
+            if bus is not None:
+                beside = LinkReader(bus, mailbox, clock_us=clock.us, number=BUS)
+                running.enter_context(beside)
+            running.enter_context(warming.started(aircraft, compiled, session.ready))
+            why = _listen(session, stopped, options.quiet_after)
+        note = _line(main).broken or ("" if reader.failure is None else reader.failure.what)
     if not session.heard:
-        if not resume:
-            (out / RECORDING).unlink()
-            (out / LIVE).unlink(missing_ok=True)
+        if not options.resume:
+            for name in (RECORDING, LIVE, snapshot.NAME):
+                (out / name).unlink(missing_ok=True)
         raise reader.failure or SourceError(
             link,
             f"nothing was received in {session.silence:.0f} s",
@@ -216,7 +160,38 @@ def run(
         )
     last = session.document(f"ended: {note or why}")
     publish(last)
-    return Ending(why, last, out / RECORDING, note)
+    return Ending(why, last, out / RECORDING, note, tuple(recorder.parts))
+
+
+def _line(link: object) -> Line:
+    if isinstance(link, ReconnectingLink):
+        return Line(link.losses, link.broken)
+    return Line()
+
+
+def _needs(aircraft: Aircraft, link: str) -> Needs:
+    return Needs(
+        vanes=aircraft.vanes is not None,
+        motor_speeds=any(engine.rpm is not None for engine in aircraft.propulsion),
+        bytes_per_second=bytes_per_second(link),
+    )
+
+
+def _resumed(recorder: Recorder, station: Station, out: Path) -> str:
+    """Lets the model go on from its snapshot; returns what was found, in a sentence."""
+    found = recorder.interrupted
+    if found is None:
+        return f"nothing to resume in {out}: a new recording begins"
+    cut = f", {found.cut_bytes} bytes of a cut frame taken off" if found.cut_bytes else ""
+    words = f"{recorder.path.name} goes on{cut}"
+    path = out / snapshot.NAME
+    if not path.exists():
+        return f"{words}; there is no snapshot of the model, it begins anew"
+    restored = snapshot.restore(path, station.model)
+    if found.last_us is None:
+        return f"{words}; the model goes on from its snapshot"
+    behind = max(found.last_us - restored.time_us, 0) * 1e-6
+    return f"{words}; the model goes on from {behind:.1f} s before the end of the recording"
 
 
 def _listen(
@@ -232,9 +207,10 @@ def _listen(
             return "quiet"
 
 
-def _publisher(path: Path, show: Show) -> Show:
-    """Writes the document and shows it; neither may stop the recording."""
+def _publisher(out: Path, show: Show, station: Station, clock: Clock) -> Show:
+    """Writes the document, shows it, and keeps the model; none of these may stop the recording."""
     failed: set[str] = set()
+    kept = [clock.seconds()]
 
     def attempt(name: str, action: Callable[[], None]) -> None:
         if name in failed:
@@ -245,8 +221,19 @@ def _publisher(path: Path, show: Show) -> Show:
             failed.add(name)
             _LOG.warning("%s failed, listening goes on without: %s", name, error)
 
+    def keep() -> None:
+        if station.newest is not None and clock.seconds() - kept[0] >= snapshot.EVERY_S:
+            kept[0] = clock.seconds()
+            snapshot.save(
+                out / snapshot.NAME,
+                station.model,
+                time_us=station.newest.row.link_us,
+                updates=station.updates,
+            )
+
     def publish(document: Mapping[str, Any]) -> None:
-        attempt(LIVE, lambda: documents.write_json(path, document))
+        attempt(LIVE, lambda: documents.write_json(out / LIVE, document))
+        attempt(snapshot.NAME, keep)
         attempt("display", lambda: show(document))
 
     return publish
@@ -267,7 +254,7 @@ def identified(
         InputError: the recording cannot be used; it stays.
     """
     return identify.run(
-        [ending.recording],
+        list(ending.parts or (ending.recording,)),
         aircraft,
         prior=prior,
         segments=None,

@@ -116,6 +116,31 @@ class RunningModel:
             for name in structure.keys
         }
 
+    @property
+    def structure(self) -> str:
+        """Which regressors it has, as text: two models of the same text understand each other."""
+        return "; ".join(f"{name} {' '.join(keys)}" for name, keys in self._structure.keys.items())
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything learned so far, as arrays by name."""
+        sums = {
+            f"{name}.{part}": value
+            for name, own in self._sums.items()
+            for part, value in own.state().items()
+        }
+        return {"variance": self._variance, **sums}
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Goes on from the `state` of a model of the same structure.
+
+        Raises:
+            KeyError: something is missing.
+            ValueError: something has another shape, or is not finite.
+        """
+        self._variance = _alike(state["variance"], self._variance)
+        for name, own in self._sums.items():
+            own.restore({part: state[f"{name}.{part}"] for part in own.state()})
+
     def take(self, samples: Samples, kept: slice) -> None:
         """Adds the rows `kept` of a window; the rest serves the smoothing of the regressors."""
         values = {name: jnp.asarray(value) for name, value in samples.regressors.items()}
@@ -182,6 +207,27 @@ class _Sums:
         self._products = np.zeros((terms, terms + 1, terms, terms + 1))
         self.stretches = 0
 
+    def state(self) -> dict[str, np.ndarray]:
+        """Sums over complete stretches and all samples; a running stretch is given up."""
+        return {
+            "information": self._information,
+            "vector": self._vector,
+            "scalars": np.array([self._square, float(self._count), float(self.stretches)]),
+            "slopes": self._slopes,
+            "effect": self._effect,
+            "products": self._products,
+        }
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """The inverse of `state`."""
+        own = self.state()
+        new = {name: _alike(state[name], value) for name, value in own.items()}
+        self._information, self._vector = new["information"], new["vector"]
+        self._square, count, stretches = (float(item) for item in new["scalars"])
+        self._count, self.stretches = round(count), round(stretches)
+        self._slopes, self._effect = new["slopes"], new["effect"]
+        self._products = new["products"]
+
     def add(
         self,
         *,
@@ -240,3 +286,11 @@ class _Sums:
         )
         mean, spread, _ = equation_error.with_prior(value, covariance, prior, keys)
         return mean, spread
+
+
+def _alike(new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """A copy of `new`, known to be of the shape of `old`, and finite."""
+    array = np.array(new, dtype=np.float64)
+    if array.shape != old.shape or not np.isfinite(array).all():
+        raise ValueError(f"shape {array.shape} instead of {old.shape}, or not finite")
+    return array

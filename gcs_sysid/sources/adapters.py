@@ -24,6 +24,8 @@ OWN: Mapping[Literal["logs", "links"], Mapping[str, str]] = {
     "links": {
         **dict.fromkeys(("udp:", "udpin:", "udpout:", "tcp:"), "gcs_sysid.sources.link:Link"),
         "mavsdk:": "gcs_sysid.sources.mavsdk_link:MavsdkLink",
+        "can:": "gcs_sysid.sources.can.bus:CanLink",
+        "file:": "gcs_sysid.sources.followed:FollowedLog",
     },
 }
 """Kind of adapter -> name -> where it is: a module, or a module and what to take from it."""

@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import all as dialect
 from gcs_sysid.errors import RefusedError, SourceError
 from gcs_sysid.recording import Recording, Stream, Vehicle
 from gcs_sysid.sources import clock, messages
+from gcs_sysid.sources.can.tunnel import TUNNELS, tunnelled
+from gcs_sysid.sources.sender import BUS_COMPONENT, SYSTEM
 from gcs_sysid.sources.tables import LogTables, MessageTable, TableKey
 
 _NOT_VEHICLES = {
@@ -63,26 +65,29 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
         clock_notes=(*clocked.notes, *absent_notes),
         others=others,
     )
-    return _with_can(found, split, clocked)
-
-
-_TUNNELS = ("CAN_FRAME", "CANFD_FRAME")
-"""Messages in which an autopilot passes on what it hears on its CAN buses."""
+    local = {
+        key.name: table for key, table in log.tables.items() if key[:2] == (SYSTEM, BUS_COMPONENT)
+    }
+    return _with_can(found, split, clocked, local)
 
 
 def _with_can(
-    found: Recording, tables: Mapping[str, MessageTable], clocked: clock.Clocked
+    found: Recording,
+    tables: Mapping[str, MessageTable],
+    clocked: clock.Clocked,
+    local: Mapping[str, MessageTable],
 ) -> Recording:
-    """The recording with what came through the autopilot from CAN."""
-    names = [name for name in _TUNNELS if name in tables]
-    if not names:
+    """The recording with what came from CAN: through the autopilot, or from a bus beside it."""
+    ours = [(tables[name], clocked.time_us[name]) for name in TUNNELS if name in tables]
+    bus = [(table, table.link_us) for name, table in local.items() if name in TUNNELS]
+    if not (ours or bus):
         return found
-    files = importlib.import_module("gcs_sysid.sources.can.files")
     merge = importlib.import_module("gcs_sysid.sources.can.merge")
-    frames = [
-        frame for name in names for frame in files.tunnelled(tables[name], clocked.time_us[name])
-    ]
-    return merge.tunnelled(found, sorted(frames, key=lambda frame: frame.time_us))
+    for sent, add in ((ours, merge.tunnelled), (bus, merge.alongside)):
+        frames = [frame for table, time_us in sent for frame in tunnelled(table, time_us)]
+        if frames:
+            found = add(found, sorted(frames, key=lambda frame: frame.time_us))
+    return found
 
 
 def vehicles(tables: Mapping[TableKey, MessageTable]) -> list[Vehicle]:

@@ -26,7 +26,11 @@ SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
 
 _HOST_AND_PORT = re.compile(r"[^:\s]+:\d{1,5}")
 _LARGEST_READ = 65535
+_BAUD = 115200
+"""Of a serial device whose address names none; pymavlink's default."""
 _PATIENCE_S = 0.2
+_FAREWELL_S = 3.0
+_OUTBOX = 64
 
 
 def is_link(address: str) -> bool:
@@ -107,8 +111,24 @@ class Link(Closing):
         return data
 
     def write(self, data: bytes) -> None:
-        """Sends bytes; a link that listens sends to those it has heard."""
-        self._port.write(data)
+        """Sends bytes; a link that listens sends to those it has heard.
+
+        Raises:
+            SourceError: the link is broken.
+        """
+        try:
+            if isinstance(self._port, mavutil.mavudp):
+                self._port.write(data)
+            elif isinstance(self._port, mavutil.mavtcp):
+                # pymavlink prints to the terminal where the other end is gone, here and below.
+                self._port.port.send(data)
+            else:
+                self._port.port.write(data)
+        except BlockingIOError:
+            # The other end does not keep up; what would be late is of no use.
+            return
+        except OSError as error:
+            raise _broken(self.address, error) from error
 
     def close(self) -> None:
         """Ends the link."""
@@ -144,10 +164,11 @@ def _broken(address: str, error: OSError) -> SourceError:
 
 @dataclass(frozen=True)
 class Chunk:
-    """Bytes that arrived together, and when [µs since 1970]."""
+    """Bytes that arrived together, when [µs since 1970], and by which of several links."""
 
     data: bytes
     link_us: int
+    link: int = 0
 
 
 class Mailbox:
@@ -206,6 +227,10 @@ class AnyLink(Protocol):
         """What arrived, waiting for it up to `timeout_s`; empty if nothing did."""
         ...
 
+    def write(self, data: bytes) -> None:
+        """Sends bytes."""
+        ...
+
     def close(self) -> None:
         """Ends the link."""
         ...
@@ -224,6 +249,23 @@ class AnyLink(Protocol):
         ...
 
 
+@runtime_checkable
+class StampedLink(Protocol):
+    """A link that knows itself when its bytes arrived, as a file that is being written does."""
+
+    def stamped(self, timeout_s: float) -> list[tuple[bytes, int]]:
+        """What arrived, each piece with its arrival time [µs since 1970]."""
+        ...
+
+
+def bytes_per_second(address: str) -> float | None:
+    """What a serial device carries, ten bits a byte; None for links whose width is not known."""
+    if address.startswith(SCHEMES):
+        return None
+    baud = address.partition(",")[2]
+    return 0.1 * (float(baud) if baud.isdigit() else _BAUD)
+
+
 def open_link(address: str) -> AnyLink:
     """Opens a link by the kind that its address begins with.
 
@@ -231,6 +273,8 @@ def open_link(address: str) -> AnyLink:
         SourceError: the address is malformed, the link cannot be opened, or a package that it
             needs is not installed.
     """
+    if address.lower().endswith(".tlog"):
+        address = address if address.startswith("file:") else f"file:{address}"
     own = (name for name in adapters.names("links") if address.startswith(name))
     name = next(own, None)
     if name is None or name in SCHEMES:
@@ -245,15 +289,25 @@ class LinkReader:
         link: an open link; it stays the caller's to close.
         mailbox: where chunks go; closed when the link fails or this reader stops.
         clock_us: arrival clock [µs since 1970].
+        number: of the link, where several share a mailbox.
+
+    One thread reads and writes: links are not made for two.
     """
 
     def __init__(
-        self, link: AnyLink, mailbox: Mailbox, *, clock_us: Callable[[], int] = now_us
+        self,
+        link: AnyLink,
+        mailbox: Mailbox,
+        *,
+        clock_us: Callable[[], int] = now_us,
+        number: int = 0,
     ) -> None:
         self._link = link
         self._mailbox = mailbox
         self._clock_us = clock_us
+        self._number = number
         self._stop = threading.Event()
+        self._outbox: deque[bytes] = deque(maxlen=_OUTBOX)
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
         self.failure: SourceError | None = None
 
@@ -268,16 +322,28 @@ class LinkReader:
         trace: TracebackType | None,
     ) -> None:
         self._stop.set()
-        self._thread.join()
+        # A connection that is being tried again cannot be hurried; it ends with the program.
+        self._thread.join(_FAREWELL_S)
+
+    def send(self, frame: bytes) -> None:
+        """Sends a frame soon; what cannot be sent in time makes room for what is newer."""
+        self._outbox.append(frame)
 
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                data = self._link.read(_PATIENCE_S)
-                if data:
-                    self._mailbox.put(Chunk(data, self._clock_us()))
+                while self._outbox:
+                    self._link.write(self._outbox.popleft())
+                for data, link_us in self._read():
+                    self._mailbox.put(Chunk(data, link_us, self._number))
         except SourceError as error:
             # Raised where the chunks are taken: nobody would see it in this thread.
             self.failure = error
         finally:
             self._mailbox.close()
+
+    def _read(self) -> list[tuple[bytes, int]]:
+        if isinstance(self._link, StampedLink):
+            return self._link.stamped(_PATIENCE_S)
+        data = self._link.read(_PATIENCE_S)
+        return [(data, self._clock_us())] if data else []

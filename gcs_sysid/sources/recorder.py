@@ -1,4 +1,4 @@
-"""Writes what a link brings as a standard .tlog."""
+"""Writes what a link brings as a standard .tlog, in parts of bounded size."""
 
 from __future__ import annotations
 
@@ -6,13 +6,36 @@ import os
 import struct
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
 
 from gcs_sysid.errors import SourceError
 from gcs_sysid.sources.closing import Closing
+from gcs_sysid.sources.frames import search
 from gcs_sysid.sources.stream import Batch
+from gcs_sysid.sources.tlog import STAMP
 
 _SYNC_S = 1.0
+_TAIL = 1 << 16
+"""Bytes at the end of an interrupted recording that are looked at; a frame has at most 288."""
+PART_BYTES = 256 << 20
+"""A part of this size holds several hours of a busy link."""
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """What was found at the end of a recording that is continued.
+
+    Attributes:
+        cut_bytes: of a frame that was being written, taken off.
+        last_us: arrival of the last whole frame [µs since 1970]; None where there is none.
+    """
+
+    cut_bytes: int
+    last_us: int | None
 
 
 class Recorder(Closing):
@@ -22,9 +45,16 @@ class Recorder(Closing):
     that is killed loses nothing, a computer that loses power a second.
 
     Args:
-        path: file to write.
-        append: continue an existing file; otherwise an existing one is refused.
+        path: file to write; when it grows beyond `part_bytes` it is renamed to `NAME-001.tlog` and
+            so on, and begun anew.
+        append: continue an existing file, without what a torn write left at its end; otherwise an
+            existing one is refused.
+        part_bytes: size of a part.
         clock: seconds, from any origin, never falling.
+
+    Attributes:
+        frames: written so far.
+        interrupted: what was found at the end of the file that is continued; None for a new one.
 
     Raises:
         SourceError: the file exists, or cannot be written; from `write` too, so that a recording
@@ -36,12 +66,17 @@ class Recorder(Closing):
         path: str | Path,
         *,
         append: bool = False,
+        part_bytes: int = PART_BYTES,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = Path(path)
         self.frames = 0
+        self.interrupted: Interrupted | None = None
+        self._part_bytes = part_bytes
         self._clock = clock
         try:
+            if append and self.path.exists():
+                self.interrupted = _mended(self.path)
             self._file = self.path.open("ab" if append else "xb")
         except FileExistsError as error:
             raise SourceError(
@@ -52,6 +87,13 @@ class Recorder(Closing):
         except OSError as error:
             raise self._failed(error) from error
         self._synced = clock()
+        self._dirty = False
+
+    @property
+    def parts(self) -> list[Path]:
+        """All parts in order, the one being written last."""
+        stem, suffix = self.path.stem, self.path.suffix
+        return [*sorted(self.path.parent.glob(f"{stem}-[0-9][0-9][0-9]{suffix}")), self.path]
 
     def write(self, batch: Batch) -> None:
         """Adds the frames of a batch.
@@ -64,12 +106,27 @@ class Recorder(Closing):
         try:
             self._file.write(b"".join(stamp + frame for frame in frames))
             self._file.flush()
-            if self._clock() - self._synced >= _SYNC_S:
-                os.fsync(self._file.fileno())
-                self._synced = self._clock()
+            self._dirty = True
+            if self._file.tell() >= self._part_bytes:
+                self._begin_part()
         except OSError as error:
             raise self._failed(error) from error
         self.frames += len(frames)
+        self.sync()
+
+    def sync(self) -> None:
+        """Hands what was written to the disk, if a second has gone by since the last time.
+
+        Raises:
+            SourceError: the file cannot be written.
+        """
+        if not self._dirty or self._clock() - self._synced < _SYNC_S:
+            return
+        try:
+            _to_disk(self._file)
+        except OSError as error:
+            raise self._failed(error) from error
+        self._synced, self._dirty = self._clock(), False
 
     def close(self) -> None:
         """Ends the recording.
@@ -78,13 +135,49 @@ class Recorder(Closing):
             SourceError: the file cannot be written.
         """
         try:
+            if not self._file.closed and self._dirty:
+                _to_disk(self._file)
             self._file.close()
         except OSError as error:
             raise self._failed(error) from error
 
+    def _begin_part(self) -> None:
+        _to_disk(self._file)
+        self._file.close()
+        number = len(self.parts)
+        self.path.rename(self.path.with_stem(f"{self.path.stem}-{number:03d}"))
+        self._file = self.path.open("xb")
+
     def _failed(self, error: OSError) -> SourceError:
         return SourceError(
             str(self.path),
-            f"recording failed ({error.strerror or error})",
-            fix="free or choose another disk, and check its permissions",
+            f"recording failed ({error.strerror or error}); what came before is kept",
+            fix="free or choose another disk, check its permissions, and go on with --resume",
         )
+
+
+def _to_disk(file: BinaryIO) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _mended(path: Path) -> Interrupted:
+    """Takes off the beginning of a frame that was being written when a recording ended."""
+    size = path.stat().st_size
+    if not path.is_file() or not size:
+        return Interrupted(0, None)
+    with path.open("r+b") as file:
+        file.seek(max(size - _TAIL, 0))
+        tail = file.read()
+        found = search(np.frombuffer(tail, dtype=np.uint8), prefix=STAMP)
+        ends = np.concatenate([found.frames.end, found.unknown.end])
+        starts = np.concatenate([found.frames.start, found.unknown.start])
+        if not ends.size:
+            return Interrupted(0, None)
+        cut = len(tail) - int(ends.max())
+        last = int(starts[np.argmax(ends)])
+        if cut:
+            file.truncate(size - cut)
+            _to_disk(file)
+    stamp = tail[max(last - STAMP, 0) : last]
+    return Interrupted(cut, int.from_bytes(stamp, "big") if len(stamp) == STAMP else None)

@@ -14,7 +14,11 @@ import numpy as np
 from gcs_sysid.recording import Vehicle
 from gcs_sysid.sources import messages
 from gcs_sysid.sources.assemble import heard_vehicle
+from gcs_sysid.sources.can.live import CanSamples
+from gcs_sysid.sources.can.streams import AUTOPILOT, BUS, ESTIMATES
+from gcs_sysid.sources.can.tunnel import TUNNELS, tunnelled
 from gcs_sysid.sources.clock import FRESH, PLAUSIBLE_US, REBOOT_US, UNIX_US, WRAP_US
+from gcs_sysid.sources.sender import BUS_COMPONENT, SYSTEM
 from gcs_sysid.sources.stream import Batch
 from gcs_sysid.sources.tables import MessageTable, TableKey
 
@@ -140,6 +144,8 @@ class SampleDecoder:
         self.vehicle: Vehicle | None = None
         self.others: dict[int, Vehicle] = {}
         self.received = 0
+        self.can = CanSamples()
+        self._streams: set[str] = set()
 
     def samples(self, batch: Batch) -> list[Sample]:
         """The vehicle's samples in a batch, in the order of arrival; none before it is known."""
@@ -152,7 +158,13 @@ class SampleDecoder:
             self._waiting = [*self._waiting, *arrived][-_WAITING:]
             return []
         queue, self._waiting = [*self._waiting, *arrived], []
-        return [self._sample(key, table, row) for key, table, row in queue if self._ours(key)]
+        return [
+            sample
+            for key, table, row in queue
+            for sample in (
+                self._from_bus(table, row) if self._tunnelled(key) else self._own(key, table, row)
+            )
+        ]
 
     def _arrived(self, batch: Batch) -> list[tuple[TableKey, MessageTable, int]]:
         """(who and what, table, row) of each message, in the order of arrival."""
@@ -173,6 +185,28 @@ class SampleDecoder:
         elif self.vehicle is None or vehicle.system != self.vehicle.system:
             self.others[vehicle.system] = vehicle
 
+    def _tunnelled(self, key: TableKey) -> bool:
+        """Whether it is a frame of the CAN bus at this computer, or of the autopilot's."""
+        return key.name in TUNNELS and (key[:2] == (SYSTEM, BUS_COMPONENT) or self._ours(key))
+
+    def _own(self, key: TableKey, table: MessageTable, row: int) -> list[Sample]:
+        return [self._sample(key, table, row)] if self._ours(key) else []
+
+    def _from_bus(self, table: MessageTable, row: int) -> list[Sample]:
+        one = table.subset(np.array([row]))
+        link_us = int(one.link_us[0])
+        time_us, _ = self.clock.time_us(TUNNELS[0], one.fields, link_us)
+        found = self.can.feed(tunnelled(one, np.array([time_us])))
+        return [
+            Sample(self._name(item.stream), item.time_us, link_us, False, item.channels)
+            for item in found
+        ]
+
+    def _name(self, stream: str) -> str:
+        """As in a log, what is measured on the bus takes the place of estimates only."""
+        heard = stream in self._streams and stream not in ESTIMATES
+        return f"{stream}[{BUS}]" if heard else stream
+
     def _ours(self, key: TableKey) -> bool:
         chosen = self.vehicle
         return chosen is not None and key[:2] == (chosen.system, chosen.component)
@@ -184,4 +218,7 @@ class SampleDecoder:
         values = messages.channels(key.name, one.fields)
         channels = {name: float(value[0]) for name, value in values.items()}
         stream = messages.stream_name(key.name, messages.instance(key.name, one.fields, 0))
+        self._streams.add(stream)
+        if stream in ESTIMATES and stream in self.can.streams:
+            stream = f"{stream}[{AUTOPILOT}]"
         return Sample(stream, time_us, link_us, stamped, channels)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,8 +33,12 @@ class Batch:
         places = [*_places(self.found.frames), *_places(self.found.unknown)]
         return [self.data[start:end].tobytes() for start, end in sorted(places)]
 
-    def tables(self) -> dict[TableKey, MessageTable]:
+    def tables(self) -> Mapping[TableKey, MessageTable]:
         """The decoded messages; `order` counts within the batch."""
+        return self._decoded
+
+    @cached_property
+    def _decoded(self) -> Mapping[TableKey, MessageTable]:
         frames = self.found.frames
         return decode(self.data, frames, np.full(frames.start.size, self.link_us, dtype=np.int64))
 

@@ -41,7 +41,7 @@ def test_wrong_options_are_wrong_usage(option, capsys):
 def ended(monkeypatch) -> Iterator[None]:
     """A flight of no length: listening has just ended."""
 
-    def run(_link, _aircraft, *, out: Path, **_rest) -> Ending:
+    def run(_link, _aircraft, _options, *, out: Path, **_rest) -> Ending:
         recording = out / "recording.tlog"
         recording.write_bytes(b"frames")
         return Ending("quiet", {"vehicle": 1}, recording)

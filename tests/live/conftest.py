@@ -13,7 +13,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.live import document
 from gcs_sysid.live.filter import Estimate
-from gcs_sysid.live.listen import Clock, Session
+from gcs_sysid.live.session import Clock, Session
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.link import Link, LinkReader, Mailbox

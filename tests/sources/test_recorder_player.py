@@ -103,7 +103,8 @@ def test_it_reaches_the_disk_every_second(
         for _ in range(26):
             clock.now += 0.125
             recorder.write(stream.feed(frame, 0))
-    assert synced == [101.0, 102.0, 103.0]
+        assert synced == [101.0, 102.0, 103.0]
+    assert synced[3:] == [103.25]
 
 
 def test_a_recording_is_never_overwritten_but_continued(writer: type, tmp_path: Path) -> None:

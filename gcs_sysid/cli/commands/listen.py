@@ -15,7 +15,10 @@ import click
 from gcs_sysid.cli import live_view, numerics, options, output, reports
 from gcs_sysid.errors import InputError
 
-WRITES = ("model", "summary.json", "samples.parquet", "report.html", "live.json")
+WRITES = (
+    *("model", "summary.json", "samples.parquet", "report.html", "live.json"),
+    "live-model.npz",
+)
 
 
 @click.command("listen")
@@ -32,10 +35,27 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html", "live.json"
     "--quiet-after", metavar="S", type=click.FloatRange(min=0.0, min_open=True), default=10.0,
     show_default=True, help="The flight is over when the link was silent for so many seconds.",
 )  # fmt: skip
-@click.option("--resume", is_flag=True, help="Continue the recording that the folder holds.")
+@click.option(
+    "--resume", is_flag=True,
+    help="Continue the recording and the first model that the folder holds.",
+)  # fmt: skip
+@click.option(
+    "--listen-only", is_flag=True,
+    help="Send nothing, neither heartbeats nor requests for the streams that are needed.",
+)  # fmt: skip
+@click.option(
+    "--can", metavar="BUS",
+    help="CAN bus with DroneCAN sensors at this computer: can:socketcan:can0, "
+    "can:udp_multicast:239.74.163.2, can:slcan:/dev/ttyACM0,1000000 (interfaces of python-can).",
+)  # fmt: skip
+@click.option(
+    "--part-size", metavar="MB", type=click.IntRange(min=1), default=256, show_default=True,
+    help="Begin another part of the recording whenever it reaches this size.",
+)  # fmt: skip
 @click.option(
     "--sign-key", metavar="FILE", type=options.Existing("file"),
-    help="Take signed MAVLink only; FILE holds the key: 32 bytes, 64 hex digits or a passphrase.",
+    help="Take signed MAVLink only, and sign what is sent; FILE holds the key: 32 bytes, 64 hex "
+    "digits or a passphrase.",
 )  # fmt: skip
 @options.vehicle
 @click.option(
@@ -49,6 +69,9 @@ def command(
     prior: Literal["file", "none"],
     quiet_after: float,
     resume: bool,
+    listen_only: bool,
+    can: str | None,
+    part_size: int,
     sign_key: Path | None,
     vehicle: int | None,
     out: Path | None,
@@ -56,10 +79,11 @@ def command(
 ) -> None:
     """Listen to a live LINK: record it, and learn while it flies.
 
-    LINK is udp:HOST:PORT, tcp:HOST:PORT, a serial device as /dev/ttyUSB0,57600, or
-    mavsdk:udpin://HOST:PORT. Every frame goes to recording.tlog at once; states, coefficients and a
-    first model are shown once a second and written to live.json. When the link falls quiet, or at
-    Ctrl-C, the recording is identified.
+    LINK is udp:HOST:PORT, tcp:HOST:PORT, a serial device as /dev/ttyUSB0,57600,
+    mavsdk:udpin://HOST:PORT, or a .tlog that another program is writing. Every frame goes to
+    recording.tlog at once; states, coefficients and a first model are shown once a second and
+    written to live.json. The vehicle is asked for streams that come too slowly. A link that breaks
+    is opened again. When it falls quiet, or at Ctrl-C, the recording is identified.
     """
     from gcs_sysid.live import listen
 
@@ -72,14 +96,20 @@ def command(
             ending = listen.run(
                 link,
                 loaded,
-                prior=prior,
-                vehicle=vehicle,
-                quiet_after=quiet_after,
-                resume=resume,
-                sign_key=sign_key,
+                listen.Options(
+                    prior=prior,
+                    vehicle=vehicle,
+                    quiet_after=quiet_after,
+                    resume=resume,
+                    sign_key=sign_key,
+                    silent=listen_only,
+                    can=can,
+                    part_bytes=part_size << 20,
+                ),
                 out=destination,
                 show=show,
                 stopped=stopped,
+                say=lambda words: live_view.say(words, to_stderr=as_json),
             )
         live_view.say(f"{_why(ending)}; recorded to {ending.recording}", to_stderr=as_json)
         with output.progress(f"identify {ending.recording.name}") as progress:
@@ -90,7 +120,7 @@ def command(
 
 def _why(ending: Any) -> str:
     words = {
-        "quiet": "The link fell quiet",
+        "quiet": f"The link fell quiet ({ending.note})" if ending.note else "The link fell quiet",
         "stopped": "Stopped",
         "closed": f"The link ended ({ending.note})" if ending.note else "The link ended",
     }

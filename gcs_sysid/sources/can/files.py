@@ -1,21 +1,18 @@
-"""CAN frames out of log files, through python-can, and out of telemetry."""
+"""CAN frames out of log files, through python-can."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import can
-import numpy as np
 from can.io.blf import BLFParseError
-from jaxtyping import Int
 
 from gcs_sysid.errors import SourceError
 from gcs_sysid.sources.can.transfers import CanFrame
-from gcs_sysid.sources.tables import MessageTable
 
 _READERS: Mapping[str, Callable[..., Any]] = {
     ".asc": can.ASCReader,
@@ -31,8 +28,6 @@ _OPEN: Mapping[str, dict[str, Any]] = {
     ".log": _TEXT,
     ".mf4": {"mode": "rb"},
 }
-_EXTENDED = 0x1FFFFFFF
-_FLAG_EXTENDED = 0x80000000
 _DAMAGED = (
     can.CanError,
     BLFParseError,
@@ -88,17 +83,3 @@ def frames(path: Path) -> list[CanFrame]:
             fix="record the bus on which the DroneCAN nodes are",
         )
     return found
-
-
-def tunnelled(table: MessageTable, time_us: Int[np.ndarray, " message"]) -> Iterator[CanFrame]:
-    """Frames that came as CAN_FRAME or CANFD_FRAME, at the times of these messages."""
-    rows = zip(
-        time_us.tolist(),
-        table.fields["id"].tolist(),
-        table.fields["len"].tolist(),
-        table.fields["data"].tolist(),
-        strict=True,
-    )
-    for time, identifier, length, data in rows:
-        if identifier & _FLAG_EXTENDED:
-            yield CanFrame(time, identifier & _EXTENDED, bytes(data[:length]))

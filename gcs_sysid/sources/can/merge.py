@@ -22,10 +22,6 @@ SHORTEST = 20.0
 ALIKE = 0.7
 """Correlation from which two signals are one quantity seen twice."""
 _ROUNDS = 8
-AUTOPILOT, BUS = "autopilot", "can"
-"""What tells two streams of one name apart, for instance `AOA_SSA[autopilot]`."""
-_ESTIMATES = ("AOA_SSA",)
-"""Streams that an autopilot computes where nothing measures them."""
 
 _PAIRS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (streams.UNIT, "q", ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "ATTITUDE")),
@@ -87,12 +83,8 @@ def beside(recording: Recording, path: Path) -> Recording:
         f"{path.name}: CAN clock put on the flight's by {offset.signal}, offset {ahead:.4f} s with "
         f"a deviation of {1e3 * offset.deviation:.2g} ms"
     )
-    moved = {
-        name: replace(stream, time=stream.time + offset.value, link_time=stream.time + offset.value)
-        for name, stream in own.items()
-    }
     counts = {**lost, "can_truncated": lost["can_truncated"] + short}
-    return _added(recording, moved, counts, note)
+    return _added(recording, _moved(own, offset.value), counts, note)
 
 
 def tunnelled(recording: Recording, frames: Sequence[transfers.CanFrame]) -> Recording:
@@ -107,6 +99,39 @@ def tunnelled(recording: Recording, frames: Sequence[transfers.CanFrame]) -> Rec
     return _added(recording, own, counts, note)
 
 
+def alongside(recording: Recording, frames: Sequence[transfers.CanFrame]) -> Recording:
+    """The recording with what a bus at the ground station brought, stamped by its clock.
+
+    Shared signals put it on the flight's clock; without any it counts as promptly as the typical
+    message came from the vehicle.
+    """
+    found, lost = transfers.transfers(frames)
+    pieces, short = streams.pieces(found)
+    if not pieces:
+        return recording
+    own = joined.streams(pieces, float(recording.epoch_us), beside_us=joined.BESIDE_US)
+    offset = _offset(recording, own)
+    if offset is None:
+        late = [s.link_time - s.time for s in recording.streams.values() if s.stamped]
+        shift = -float(np.median(np.concatenate(late))) if late else 0.0
+        note = "CAN bus: no shared signal tells its clock; taken as prompt as the telemetry"
+    else:
+        shift = offset.value
+        note = (
+            f"CAN bus: put on the flight's clock by {offset.signal}, {1e3 * shift:.1f} ms with a "
+            f"deviation of {1e3 * offset.deviation:.2g} ms"
+        )
+    counts = {**lost, "can_truncated": lost["can_truncated"] + short}
+    return _added(recording, _moved(own, shift), counts, note)
+
+
+def _moved(own: dict[str, Stream], shift: float) -> dict[str, Stream]:
+    return {
+        name: replace(stream, time=stream.time + shift, link_time=stream.time + shift)
+        for name, stream in own.items()
+    }
+
+
 def _added(
     recording: Recording, own: dict[str, Stream], lost: dict[str, int], note: str
 ) -> Recording:
@@ -117,11 +142,11 @@ def _added(
         before = result.get(name)
         if before is not None:
             known = {channel for channel in before.channels if before.has(channel)}
-            if name not in _ESTIMATES and not known <= set(stream.channels):
-                beside = f"{name}[{BUS}]"
+            if name not in streams.ESTIMATES and not known <= set(stream.channels):
+                beside = f"{name}[{streams.BUS}]"
                 result[beside] = replace(stream, name=beside)
                 continue
-            kept = f"{name}[{AUTOPILOT}]"
+            kept = f"{name}[{streams.AUTOPILOT}]"
             result[kept] = replace(before, name=kept)
             notes.append(f"{name} is that of the CAN bus; the autopilot's is {kept}")
         result[name] = stream

@@ -16,6 +16,10 @@ Values = Mapping[str, np.ndarray]
 UNIT = "CAN_IMU"
 """Stream of an inertial unit on the bus. It has a name of its own, as its place is its own."""
 POSITIONS = "ACTUATOR_STATUS"
+AUTOPILOT, BUS = "autopilot", "can"
+"""What tells two streams of one name apart, for instance `AOA_SSA[autopilot]`."""
+ESTIMATES = ("AOA_SSA",)
+"""Streams that an autopilot computes where nothing measures them."""
 MEASURED: Mapping[int, tuple[str, Callable[[Values], dict[str, np.ndarray]]]] = {
     1003: (
         UNIT,

@@ -45,46 +45,67 @@ class _Building:
     data: bytearray = field(default_factory=bytearray)
 
 
-def transfers(frames: Iterable[CanFrame]) -> tuple[list[Transfer], dict[str, int]]:
-    """Transfers of the known types in order, and what could not be used, by reason."""
-    found: list[Transfer] = []
-    building: dict[int, _Building] = {}
-    lost = {"can_unknown": 0, "can_bad_crc": 0, "can_truncated": 0}
-    for frame in frames:
-        if not frame.data or frame.id & _SERVICE:
-            continue
+class Transfers:
+    """Puts transfers together from frames, however these come in pieces.
+
+    Attributes:
+        lost: what could not be used, by reason.
+    """
+
+    def __init__(self) -> None:
+        self._building: dict[int, _Building] = {}
+        self.lost = {"can_unknown": 0, "can_bad_crc": 0, "can_truncated": 0}
+
+    def feed(self, frames: Iterable[CanFrame]) -> list[Transfer]:
+        """Transfers of the known types that these frames complete, in order."""
+        found = (self._one(frame) for frame in frames if frame.data and not frame.id & _SERVICE)
+        return [one for one in found if one is not None]
+
+    def end(self) -> None:
+        """Counts what will not be completed any more."""
+        self.lost["can_truncated"] += len(self._building)
+        self._building.clear()
+
+    def _one(self, frame: CanFrame) -> Transfer | None:
         kind, node = (frame.id >> 8) & 0xFFFF, frame.id & 0x7F
         if kind not in LAYOUTS or not node:
-            lost["can_unknown"] += 1
-            continue
+            self.lost["can_unknown"] += 1
+            return None
         tail = frame.data[-1]
         if tail & _BEGIN:
-            lost["can_truncated"] += building.pop(frame.id, None) is not None
-            if tail & _END:
-                found.append(Transfer(frame.time_us, kind, node, frame.data[:-1]))
-            else:
-                one = building[frame.id] = _Building(frame.time_us, tail & _NUMBER)
-                one.data += frame.data[:-1]
-            continue
-        one = building.get(frame.id)
-        if one is None:
-            lost["can_truncated"] += 1
-            continue
-        if not _continues(one, tail):
-            lost["can_truncated"] += 1
-            del building[frame.id]
-            continue
+            return self._begun(frame, kind, node, tail)
+        one = self._building.get(frame.id)
+        if one is None or not _continues(one, tail):
+            self.lost["can_truncated"] += 1
+            self._building.pop(frame.id, None)
+            return None
         one.data += frame.data[:-1]
         one.toggle ^= _TOGGLE
+        return self._ended(frame.id, kind, node) if tail & _END else None
+
+    def _begun(self, frame: CanFrame, kind: int, node: int, tail: int) -> Transfer | None:
+        self.lost["can_truncated"] += self._building.pop(frame.id, None) is not None
         if tail & _END:
-            del building[frame.id]
-            payload = bytes(one.data[2:])
-            if checksum(LAYOUTS[kind].signature, payload) == one.data[0] | one.data[1] << 8:
-                found.append(Transfer(one.time_us, kind, node, payload))
-            else:
-                lost["can_bad_crc"] += 1
-    lost["can_truncated"] += len(building)
-    return found, lost
+            return Transfer(frame.time_us, kind, node, frame.data[:-1])
+        one = self._building[frame.id] = _Building(frame.time_us, tail & _NUMBER)
+        one.data += frame.data[:-1]
+        return None
+
+    def _ended(self, identifier: int, kind: int, node: int) -> Transfer | None:
+        one = self._building.pop(identifier)
+        payload = bytes(one.data[2:])
+        if checksum(LAYOUTS[kind].signature, payload) == one.data[0] | one.data[1] << 8:
+            return Transfer(one.time_us, kind, node, payload)
+        self.lost["can_bad_crc"] += 1
+        return None
+
+
+def transfers(frames: Iterable[CanFrame]) -> tuple[list[Transfer], dict[str, int]]:
+    """Transfers of the known types in order, and what could not be used, by reason."""
+    whole = Transfers()
+    found = whole.feed(frames)
+    whole.end()
+    return found, whole.lost
 
 
 def _continues(one: _Building, tail: int) -> bool:

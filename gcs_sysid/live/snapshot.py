@@ -1,0 +1,84 @@
+"""The first model kept on disk while it is learned, so that a killed program can go on with it."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gcs_sysid.errors import InputError
+from gcs_sysid.live.regression import RunningModel
+from gcs_sysid.offline import documents
+
+NAME = "live-model.npz"
+SCHEMA = 1
+EVERY_S = 5.0
+"""A snapshot is taken so often [s]: this much of the model a killed program loses."""
+_SCHEMA, _TIME, _UPDATES, _STRUCTURE = "schema", "time_us", "updates", "structure"
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What a snapshot held: when it was taken [µs since 1970], after how many updates."""
+
+    time_us: int
+    updates: int
+
+
+def save(path: Path, model: RunningModel, *, time_us: int, updates: int) -> None:
+    """Writes what the model knows, whole or not at all, and onto the disk."""
+    arrays = {
+        **model.state(),
+        _SCHEMA: np.array(SCHEMA),
+        _TIME: np.array(time_us),
+        _UPDATES: np.array(updates),
+        _STRUCTURE: np.array(model.structure),
+    }
+
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+
+    documents.write_atomic(path, write)
+
+
+def restore(path: Path, model: RunningModel) -> Restored:
+    """Lets a model go on from a snapshot of one of the same structure.
+
+    Raises:
+        InputError: it cannot be read, or belongs to another aircraft or program.
+    """
+    arrays = _read(path)
+    try:
+        if int(arrays[_SCHEMA]) != SCHEMA or str(arrays[_STRUCTURE]) != model.structure:
+            raise InputError(
+                str(path),
+                "is the model of another aircraft file, or of another version of the program",
+                fix="move it away; the recording can still be continued and identified",
+            )
+        model.restore(arrays)
+        return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(path, error) from error
+
+
+def _read(path: Path) -> Mapping[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    return InputError(
+        str(path),
+        f"cannot be read as a snapshot of the model ({' '.join(str(error).split())[:100]})",
+        fix="move it away; the recording can still be continued and identified",
+    )
