@@ -306,6 +306,7 @@ class LinkReader:
         self._mailbox = mailbox
         self._clock_us = clock_us
         self._number = number
+        self._stamped = link if isinstance(link, StampedLink) else None
         self._stop = threading.Event()
         self._outbox: deque[bytes] = deque(maxlen=_OUTBOX)
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
@@ -343,7 +344,7 @@ class LinkReader:
             self._mailbox.close()
 
     def _read(self) -> list[tuple[bytes, int]]:
-        if isinstance(self._link, StampedLink):
-            return self._link.stamped(_PATIENCE_S)
+        if self._stamped is not None:
+            return self._stamped.stamped(_PATIENCE_S)
         data = self._link.read(_PATIENCE_S)
         return [(data, self._clock_us())] if data else []

@@ -99,7 +99,7 @@ def _imu(fields: Fields, result: Channels) -> None:
     _hide(result, _all_zero(result, "mag_x", "mag_y", "mag_z"), "mag_x", "mag_y", "mag_z")
 
 
-_HIGHRES_BITS = (
+HIGHRES_BITS = (
     "acc_x acc_y acc_z p q r mag_x mag_y mag_z static_pressure dynamic_pressure "
     "pressure_altitude temperature"
 ).split()
@@ -109,7 +109,7 @@ def _highres_imu(fields: Fields, result: Channels) -> None:
     # HIGHRES_IMU_UPDATED_FLAGS: a field whose bit is not set repeats an old value. Senders that do
     # not keep the bitmap leave it zero.
     updated = fields["fields_updated"].astype(np.int64)
-    for bit, name in enumerate(_HIGHRES_BITS):
+    for bit, name in enumerate(HIGHRES_BITS):
         _hide(result, (updated != 0) & (updated & (1 << bit) == 0), name)
     _imu(fields, result)
 

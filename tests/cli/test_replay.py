@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import socket
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs_sysid.cli import entry
+from tests.sources.made_dataflash import Dataflash
 
 
 @pytest.fixture
@@ -65,3 +67,21 @@ def test_a_link_that_is_none_says_what_is_one(flight, capsys):
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert "udp:" in err
+
+
+def test_an_onboard_log_is_sent_as_the_vehicle_would_have(listener, tmp_path, capsys):
+    log = Dataflash()
+    for i in range(5):
+        log.add("ATT", 20_000 * (i + 1), 10.0, 1.0, 90.0)
+    path = tmp_path / "flight.bin"
+    path.write_bytes(log.binary)
+    port = listener.getsockname()[1]
+    words = ["replay", str(path), "--to", f"udp:127.0.0.1:{port}", "--speed", "inf", "--json"]
+    assert entry.main(words) == 0
+    document = json.loads(capsys.readouterr().out)
+    parser = dialect.MAVLink(None)
+    received = [parser.parse_buffer(listener.recv(300))[0] for _ in range(document["sent"])]
+    attitudes = [m for m in received if m.get_type() == "ATTITUDE"]
+    assert [m.roll for m in attitudes] == pytest.approx([0.17453293] * 5)
+    assert {m.get_type() for m in received} == {"ATTITUDE", "HEARTBEAT", "SYSTEM_TIME"}
+    assert document["left_out"] == {}

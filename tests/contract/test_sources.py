@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from gcs_sysid.offline import inspect
 from gcs_sysid.recording import Recording
+from gcs_sysid.sources import encode, tlog
 from gcs_sysid.sources.link import Link, LinkReader, Mailbox, open_link
 from gcs_sysid.sources.player import play
 from gcs_sysid.sources.recorder import Recorder
@@ -21,6 +25,8 @@ from tests.sources.conftest import EPOCH_US
 
 PATIENCE_S = 30.0
 PORT = 24_772
+BUS_LATE_S = 0.0375
+"""Frames of a bus at the ground station are stamped so late."""
 
 STREAMS = {
     ("ATTITUDE",): {"roll": 1e-6, "pitch": 1e-6, "yaw": 1e-6},
@@ -38,11 +44,14 @@ STREAMS = {
     ("ESC_TELEMETRY_1_TO_4", "ESC_STATUS", "RPM"): {"rpm_1": 0.0},
 }  # fmt: skip
 """Half a step of the coarsest form's field; where all are floating point, their rounding."""
+# DroneCAN's air data are 16-bit floating point: 11 bits.
+AIR_DATA = {"airspeed": 8e-3, "alpha": 3.1e-5, "beta": 8e-6, "static_pressure": 0.01}
 COARSER = {
     # ATT is written in hundredths of a degree here, as ArduPlane before 4.6 does.
     "onboard": {"roll": 9e-5, "pitch": 9e-5, "yaw": 9e-5},
-    # DroneCAN's air data are 16-bit floating point: 11 bits.
-    "can": {"airspeed": 8e-3, "alpha": 3.1e-5, "beta": 8e-6, "static_pressure": 0.01},
+    "onboard_replayed": {"roll": 9e-5, "pitch": 9e-5, "yaw": 9e-5},
+    "can": AIR_DATA,
+    "can_bus": AIR_DATA,
 }
 
 
@@ -78,7 +87,9 @@ def by_udp(folder: Path) -> Recording:
         LinkReader(ground, mailbox),
         Recorder(path) as recorder,
     ):
-        sent = play(made_flight.telemetry().data, paced(vehicle.write), speed=float("inf"))
+        sent = play(
+            tlog.frames(made_flight.telemetry().data), paced(vehicle.write), speed=float("inf")
+        )
         until = time.monotonic() + PATIENCE_S
         while recorder.frames < sent:
             assert time.monotonic() < until
@@ -107,7 +118,7 @@ def by_mavsdk(folder: Path) -> Recording:
             vehicle.write(beat)
             assert time.monotonic() < until
         with LinkReader(ground, mailbox):
-            sent = play(log.data, paced(vehicle.write), speed=float("inf"))
+            sent = play(tlog.frames(log.data), paced(vehicle.write), speed=float("inf"))
             while recorder.frames < sent:
                 assert time.monotonic() < until
                 take(mailbox, stream, recorder)
@@ -119,6 +130,38 @@ def by_can(folder: Path) -> Recording:
     path = folder / "flight.tlog"
     path.write_bytes(made_flight.telemetry(vanes=False).data)
     return open_recording(path, can=made_flight.bus().save(folder / "bus.blf"))
+
+
+def replayed(recorded: Callable[[Path], Recording]) -> Callable[[Path], Recording]:
+    """What a ground station records of an onboard log or a table that is played to it."""
+
+    def by_replay(folder: Path) -> Recording:
+        path = folder / "replayed.tlog"
+        encoded = encode.frames(recorded(folder))
+        assert not [name for name in encoded.left_out if "(rows)" in name]
+        path.write_bytes(b"".join(struct.pack(">Q", t) + frame for t, frame in encoded.frames))
+        return open_recording(path)
+
+    return by_replay
+
+
+def by_can_bus(folder: Path) -> Recording:
+    """Telemetry, and a bus at the ground station whose frames come late."""
+    path, stream = folder / "flight.tlog", FrameStream()
+    records = tlog.frames(made_flight.telemetry(vanes=False).data)
+    with (
+        open_link("can:virtual:contract") as link,
+        can.Bus(interface="virtual", channel="contract") as nodes,
+    ):
+        together = groupby(made_flight.bus().messages(), lambda one: round(one.timestamp, 2))
+        for seconds, sent in together:
+            at = EPOCH_US + round(1e6 * (seconds + made_flight.CAN_BEHIND_S + BUS_LATE_S))
+            for message in sent:
+                nodes.send(message)
+            records += [(at, frame) for frame in stream.feed(link.read(1.0), at).raw()]
+    records.sort(key=lambda record: record[0])
+    path.write_bytes(b"".join(struct.pack(">Q", t) + frame for t, frame in records))
+    return open_recording(path)
 
 
 def paced(send: Callable[[bytes], None]) -> Callable[[bytes], None]:
@@ -143,6 +186,10 @@ SOURCES = {
     "udp": by_udp,
     "mavsdk": by_mavsdk,
     "can": by_can,
+    "can_bus": by_can_bus,
+    "onboard_replayed": replayed(by_onboard_log),
+    "px4_replayed": replayed(by_px4_log),
+    "table_replayed": replayed(by_table),
 }
 
 
@@ -176,7 +223,7 @@ def test_every_value_is_that_of_the_flight(source: tuple[str, Recording]) -> Non
 
 
 def loose(name: str, stamped: bool, channel: str) -> bool:
-    return not stamped or (name == "can" and channel in COARSER["can"] | {"rpm_1": 0.0})
+    return not stamped or (name in ("can", "can_bus") and channel in AIR_DATA | {"rpm_1": 0.0})
 
 
 def test_every_time_is_that_of_the_flight(source: tuple[str, Recording]) -> None:
@@ -185,7 +232,7 @@ def test_every_time_is_that_of_the_flight(source: tuple[str, Recording]) -> None
     attitude = recording.streams["ATTITUDE"]
     at = 1e-6 * (recording.time_us(attitude.time) - EPOCH_US)
     np.testing.assert_allclose(at, made_flight.truth()["t"], atol=1.1e-3, err_msg=name)
-    if name == "can":
+    if name in ("can", "can_bus"):
         vanes = recording.streams["AOA_SSA"]
         late = 1e-6 * (recording.time_us(vanes.time) - EPOCH_US) - made_flight.truth()["t"]
         assert np.max(np.abs(late)) < 3e-3

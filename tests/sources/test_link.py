@@ -55,7 +55,7 @@ def test_a_played_log_is_recorded_as_it_was(writer: type, tmp_path: Path) -> Non
             LinkReader(ground, mailbox, clock_us=arrivals),
             Recorder(path) as recorder,
         ):
-            sent = play(log.data, vehicle.write, speed=float("inf"))
+            sent = play(tlog.frames(log.data), vehicle.write, speed=float("inf"))
             for chunk in take(mailbox, sent):
                 recorder.write(stream.feed(chunk.data, chunk.link_us))
     assert sent == recorder.frames == len(log.records)

@@ -31,7 +31,7 @@ def test_the_log_sets_the_time(writer: type, speed: float) -> None:
     log = writer().heartbeat(0).heartbeat(20_000).heartbeat(20_000).heartbeat(3_500_000)
     clock, sent = Clock(), []
     count = play(
-        log.data,
+        tlog.frames(log.data),
         lambda frame: sent.append((clock.now - 100.0, frame)),
         speed=speed,
         clock=clock,
@@ -45,7 +45,7 @@ def test_the_log_sets_the_time(writer: type, speed: float) -> None:
 def test_as_fast_as_it_goes(writer: type) -> None:
     log = writer().heartbeat(0).heartbeat(10**9)
     clock = Clock()
-    assert play(log.data, len, speed=float("inf"), clock=clock, sleep=clock.sleep) == 2
+    assert play(tlog.frames(log.data), len, speed=float("inf"), clock=clock, sleep=clock.sleep) == 2
     assert clock.naps == []
 
 
@@ -53,7 +53,7 @@ def test_progress_goes_on_in_pauses(writer: type) -> None:
     log = writer().heartbeat(0).heartbeat(3_000_000)
     clock, told = Clock(), []
     play(
-        log.data,
+        tlog.frames(log.data),
         len,
         clock=clock,
         sleep=clock.sleep,
@@ -68,7 +68,7 @@ def test_arrivals_that_fall_back_are_sent_at_once(writer: type) -> None:
     records = log.data
     later, earlier = records[: len(records) // 2], records[len(records) // 2 :]
     clock = Clock()
-    assert play(earlier + later, len, clock=clock, sleep=clock.sleep) == 2
+    assert play(tlog.frames(earlier + later), len, clock=clock, sleep=clock.sleep) == 2
     assert clock.naps == []
 
 
