@@ -7,67 +7,116 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.figures.data import Axis, Band, Figure, Panel, Role, Rule, Series
+from gcs_sysid.figures.data import Axis, Band, Figure, Panel, Role, Rule, Series, Span
 from gcs_sysid.figures.reduce import limits
 from gcs_sysid.figures.samples import Samples
 
 DEGREES = float(np.degrees(1.0))
-CHANNELS: Mapping[str, tuple[str, str, float, str]] = {
-    "airspeed": ("airspeed V", "m/s", 1.0, "V"),
-    "alpha": ("angle of attack α", "deg", DEGREES, "alpha"),
-    "beta": ("sideslip β", "deg", DEGREES, "beta"),
-    "load_factor": ("load factor", "g", 1.0, "load_factor"),
-    "bank": ("bank φ", "deg", DEGREES, "phi"),
+CHANNELS: Mapping[str, tuple[str, str, float]] = {
+    "airspeed": ("airspeed V", "m/s", 1.0),
+    "alpha": ("angle of attack α", "deg", DEGREES),
+    "beta": ("sideslip β", "deg", DEGREES),
+    "load_factor": ("load factor", "g", 1.0),
+    "bank": ("bank φ", "deg", DEGREES),
 }
-"""Label, unit for people, factor from SI, and the key of the document's limits."""
-INPUTS: tuple[Role, ...] = ("first", "second")
+"""Label, unit for people and factor from SI."""
+INPUTS: tuple[Role, ...] = ("first", "second", "third", "fourth")
+THROTTLE = "throttle"
 
 
-def maneuver(
-    table: Samples,
-    number: int,
-    entry: Mapping,
-    allowed: Mapping[str, Sequence[float]] | None,
-) -> Figure:
+def maneuver(table: Samples, number: int, entry: Mapping) -> Figure:
     """Inputs and expected motion of one maneuver.
 
     Args:
         table: of expected motions.
         number: of the maneuver in it.
-        entry: the maneuver's document.
-        allowed: limits of the envelope [m/s, rad, g].
+        entry: the maneuver's document, with where to `abort` [m/s, rad, g].
     """
     rows = np.flatnonzero(np.asarray(table["maneuver"]) == number)
     time = np.asarray(table["t"], dtype=float)[rows]
     return Figure(
         name=f"maneuver-{entry['name'].replace(' ', '-')}",
-        title=str(entry["name"]).replace("_", " "),
+        title="Input and expected motion",
         caption="Input to add to trim and to what the autopilot commands; below, what the "
-        "identified aircraft does with it and, as bands, all aircraft drawn from the model. "
-        "Red lines: the envelope.",
+        "identified aircraft does in calm air and, as bands, all that were drawn from the model "
+        "in the gusts reckoned with. Red lines: stop there.",
         x=Axis("time", "s", (float(time[0]), float(time[-1]))),
         panels=(
-            _inputs(table, rows, time, entry["controls"]),
-            *(_motion(table, rows, time, name, allowed) for name in CHANNELS),
+            *_inputs(table, rows, time, entry["controls"]),
+            *(_motion(table, rows, time, name, entry["abort"]) for name in CHANNELS),
         ),
     )
+
+
+def confidence(name: str, entry: Mapping, level: float) -> Figure:
+    """Deviation over variation of one coefficient along a flow angle, before and after.
+
+    Args:
+        name: of the coefficient.
+        entry: its part of the document's map.
+        level: of confidence that is asked for.
+    """
+    along = CHANNELS[entry["along"]][0]
+    x = DEGREES * np.asarray(entry["x"], dtype=float)
+    curves = {part: 100.0 * np.asarray(entry[part], dtype=float) for part in ("before", "after")}
+    spans = []
+    if entry["flown"] is not None:
+        spans.append(_span("flown", entry["flown"], x, "measured"))
+    if entry["asked"] is not None:
+        spans.append(_span("asked for", entry["asked"], x, "held_out"))
+    return Figure(
+        name=f"confidence-{name}",
+        title=f"How well {name} is known",
+        caption="One standard deviation over the coefficient's variation, everything else as in "
+        "level flight. Outside of what was flown it says too little.",
+        x=Axis(along, "deg", (float(x[0]), float(x[-1]))),
+        panels=(
+            Panel(
+                y=Axis("sd over variation", "%", limits(*curves.values(), around=(0.0,))),
+                series=(
+                    Series("now", x, curves["before"], "measured"),
+                    Series("after the sortie", x, curves["after"], "predicted"),
+                ),
+                rules=(Rule("y", 100.0 * level, "asked for", "limit"),),
+            ),
+        ),
+        spans=tuple(spans),
+        size="small",
+    )
+
+
+def _span(name: str, pair: Sequence[float], x: Float[np.ndarray, " point"], role: Role) -> Span:
+    low, high = (float(np.clip(DEGREES * value, x[0], x[-1])) for value in pair)
+    return Span(name, low, high, role)
 
 
 def _inputs(
     table: Samples, rows: np.ndarray, time: Float[np.ndarray, " sample"], controls: Sequence[str]
-) -> Panel:
-    curves = [
-        DEGREES * np.asarray(table[f"input_{place}"], dtype=float)[rows]
-        for place in range(len(controls))
-    ]
-    return Panel(
-        y=Axis("input", "deg", limits(*curves)),
-        series=tuple(
-            Series(name, time, curve, role)
-            for name, curve, role in zip(controls, curves, INPUTS, strict=False)
-        ),
-        keyed=len(controls) > 1,
-    )
+) -> tuple[Panel, ...]:
+    """Deflections in one panel, the throttle in one of its own."""
+    panels = []
+    for unit, factor, chosen in (
+        ("deg", DEGREES, [name for name in controls if name != THROTTLE]),
+        ("%", 100.0, [name for name in controls if name == THROTTLE]),
+    ):
+        if not chosen:
+            continue
+        curves = [
+            factor * np.asarray(table[f"input_{list(controls).index(name)}"], dtype=float)[rows]
+            for name in chosen
+        ]
+        label = THROTTLE if unit == "%" else "input"
+        panels.append(
+            Panel(
+                y=Axis(label, unit, limits(*curves)),
+                series=tuple(
+                    Series(name, time, curve, role)
+                    for name, curve, role in zip(chosen, curves, INPUTS, strict=False)
+                ),
+                keyed=len(chosen) > 1,
+            )
+        )
+    return tuple(panels)
 
 
 def _motion(
@@ -75,18 +124,18 @@ def _motion(
     rows: np.ndarray,
     time: Float[np.ndarray, " sample"],
     name: str,
-    allowed: Mapping[str, Sequence[float]] | None,
+    stop: Mapping[str, Sequence[float]],
 ) -> Panel:
-    label, unit, factor, key = CHANNELS[name]
+    label, unit, factor = CHANNELS[name]
 
     def of(column: str) -> Float[np.ndarray, " sample"]:
         return factor * np.asarray(table[column], dtype=float)[rows]
 
     mean, low, high = of(name), of(f"{name}_low"), of(f"{name}_high")
-    bounds = [factor * value for value in (allowed or {}).get(key, ())]
+    bounds = [factor * value for value in stop.get(name, ())]
     return Panel(
         y=Axis(label, unit, limits(low, high)),
         series=(Series("expected", time, mean, "predicted"),),
         bands=(Band("all drawn aircraft", time, low, high, "predicted"),),
-        rules=tuple(Rule("y", value, "envelope", "limit") for value in bounds),
+        rules=tuple(Rule("y", value, "stop", "limit") for value in bounds),
     )

@@ -1,46 +1,78 @@
-"""Maneuvers for the coefficients that a model is least sure of, as large as the envelope allows."""
+"""The largest share of a recipe that is safe, and what flying it would teach."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft, Envelope
-from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import flown, signals
-from gcs_sysid.maneuvers.envelope import LIKELY, Excursion, excursion
-from gcs_sysid.maneuvers.flown import STEP, Flown, Simulator
+from gcs_sysid.maneuvers import axes, envelope, flown, gusts, holding, information
+from gcs_sysid.maneuvers.axes import Axes
+from gcs_sysid.maneuvers.envelope import Excursion
+from gcs_sysid.maneuvers.flown import LANES, STEP, Drawn, Fleet, Flown, Simulator
 from gcs_sysid.maneuvers.holding import Linear
-from gcs_sysid.maneuvers.information import Gain, gain
+from gcs_sysid.maneuvers.information import Covariances, Gain, Rows
+from gcs_sysid.maneuvers.recipes import Place, Recipe
 from gcs_sysid.model.trim import Trim
 
-Kind = Literal["multisine", "multistep", "doublet"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-
-PERIOD = 15.0
-"""Length of a multisine [s]."""
-LEAST_FREQUENCY = 0.2
-"""First line of a multisine [Hz]."""
-BEYOND = 1.5
-"""Its last line, over the fastest oscillation of the motion."""
 AFTER = 3.0
 """Answer of the aircraft after the input that is flown and counted too [s]."""
-PULSE = 1.6
-"""Length of the shortest step of a 3-2-1-1, over 1/ω (Hamel & Jategaonkar 1996)."""
-HALF = 2.3
-"""Length of each half of a doublet, over 1/ω."""
-SLOWEST = 3.0
-"""Frequency [rad/s] that stands in where the motion has no oscillation."""
-TRAVEL = 0.35
-"""Largest part of a control's travel that an input uses."""
-LARGEST = float(np.radians(10.0))
-SMALLER = 0.8
-TRIES = 15
+LONGEST = 24.0
+"""Longest maneuver with its answer [s]: gusts are drawn for so long."""
+CALM = 8
+"""Of the aircraft flown at once, the mean first, so many fly in calm air: what they teach counts,
+the others show how far gusts and errors may carry."""
+TRIALS = 8
+"""Times `LANES` aircraft that a maneuver must be flown by before it is suggested."""
+SHARES = np.concatenate([[0.05, 0.07], np.geomspace(0.1, 1.0, 40)])
+"""Shares of full size that are considered."""
+SMALLER = 0.87
+"""Step down where a maneuver left the envelope all the same."""
+TRIES = 10
+LEAST = 0.05
+"""Smallest share that is worth flying."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A flight condition: level flight there, the aircraft drawn for it, and their gusts."""
+
+    aircraft: Aircraft
+    model: AeroModel
+    allowed: Envelope
+    axes: Axes
+    simulator: Simulator
+    drawn: Drawn
+    gust: float
+    trim: Trim
+    linear: Linear
+    fleet: Fleet
+    air: Float[np.ndarray, "draw sample six"]
+    still: Flown
+
+    @property
+    def height(self) -> float:
+        """Above ground [m]."""
+        return -float(self.trim.state.position[2])
+
+    def place(self) -> Place:
+        """What recipes are made from."""
+        return Place(
+            self.aircraft,
+            self.allowed,
+            self.axes,
+            self.trim,
+            self.linear,
+            self.linear.frequencies(),
+        )
+
+    def fly(self, fleet: Fleet, added: Float[np.ndarray, "sample input"], air: np.ndarray) -> Flown:
+        """Motions under an input."""
+        return self.simulator.fly(fleet, self.linear, self.trim.density, added, air)
 
 
 @dataclass(frozen=True)
@@ -48,149 +80,236 @@ class Maneuver:
     """An input to fly.
 
     Attributes:
-        name: of the maneuver.
-        kind: shape of the input.
-        coefficients: that it is for.
-        controls: that it moves.
-        duration: of the input [s].
-        time: [s].
-        added: to trim and to what the autopilot commands, one column a control in `controls` [rad].
+        recipe: what is flown, at full size.
+        share: of it that is flown.
+        airspeed: of the level flight it begins in [m/s].
+        height: likewise [m].
         flown: motions of the drawn aircraft, answer after the input included.
         excursion: how far these go.
-        gains: what it would teach, by coefficient.
+        rows: what it adds to each coefficient's fit, the mean over aircraft in calm air.
+        each: the information of each of these aircraft by coefficient.
     """
 
-    name: str
-    kind: Kind
-    coefficients: tuple[str, ...]
-    controls: tuple[str, ...]
-    duration: float
-    time: Float[np.ndarray, " sample"]
-    added: Float[np.ndarray, "sample control"]
+    recipe: Recipe
+    share: float
+    airspeed: float
+    height: float
     flown: Flown
     excursion: Excursion
-    gains: Mapping[str, Gain]
+    rows: Mapping[str, Rows]
+    each: Mapping[str, Float[np.ndarray, "draw term term"]]
 
     @property
-    def worth(self) -> float:
-        """Sum over its coefficients of log(deviation before / after)."""
-        pairs = [self.gains[name] for name in self.coefficients]
-        return float(sum(np.log(item.before / max(item.after, 1e-300)) for item in pairs))
+    def added(self) -> Float[np.ndarray, "sample input"]:
+        """To each control [rad] and last to the throttle."""
+        return self.share * self.recipe.added
+
+    @property
+    def time(self) -> Float[np.ndarray, " sample"]:
+        """Of the input [s]."""
+        return STEP * np.arange(self.recipe.added.shape[0])
+
+    @property
+    def name(self) -> str:
+        """Unique in a sortie."""
+        return f"{self.recipe.name}_{self.airspeed:.0f}mps"
+
+    def information(self) -> Covariances:
+        """What it adds, by coefficient."""
+        return {name: item.information for name, item in self.rows.items()}
+
+    def gains(self, model: AeroModel, before: Covariances, *, repeats: int = 1) -> dict[str, Gain]:
+        """Uncertainty of every coefficient before and after it."""
+        return {
+            name: information.gain(model.fits[name], item, before[name], repeats=repeats)
+            for name, item in self.rows.items()
+        }
 
 
 @dataclass(frozen=True)
-class Condition:
-    """Where maneuvers are flown, and by what."""
+class Refusal:
+    """A maneuver that cannot be made safe, and why."""
 
-    aircraft: Aircraft
-    model: AeroModel
-    allowed: Envelope
-    trim: Trim
-    linear: Linear
-    simulator: Simulator
+    name: str
+    reason: str
 
 
-def travel(aircraft: Aircraft, control: str) -> float:
-    """Half the range of a control that its servos allow [rad]."""
-    mix = next(item.mix for item in aircraft.controls if item.name == control)
-    return float(
-        sum(
-            abs(mix.get(servo.surface, 0.0)) * 0.5 * float(np.ptp(servo.deflection))
-            for servo in aircraft.servos
-        )
+def condition(
+    aircraft: Aircraft,
+    model: AeroModel,
+    simulator: Simulator,
+    drawn: Drawn,
+    trim: Trim,
+    *,
+    gust: float,
+    generator: np.random.Generator,
+) -> Condition:
+    """Everything that maneuvers from one level flight share.
+
+    Args:
+        aircraft: with the model's mean as its aerodynamics, and an envelope.
+        model: identified so far.
+        simulator: of the aircraft.
+        drawn: aircraft from the posterior, the mean first; `LANES` times `TRIALS`.
+        trim: level flight.
+        gust: horizontal intensity that is reckoned with [m/s].
+        generator: of the gusts.
+    """
+    linear = holding.linearised(aircraft, trim)
+    fleet = simulator.settle(flown.lanes(drawn, 0), trim)
+    air = _air(aircraft, trim, gust, generator)
+    air[:CALM] = 0.0
+    nothing = np.zeros((air.shape[1], len(aircraft.controls) + 1))
+    still = simulator.fly(fleet, linear, trim.density, nothing, air)
+    if aircraft.envelope is None:
+        raise ValueError("an aircraft without envelope has no safe maneuvers")
+    return Condition(
+        aircraft,
+        model,
+        aircraft.envelope,
+        axes.found(aircraft, model),
+        simulator,
+        drawn,
+        gust,
+        trim,
+        linear,
+        fleet,
+        air,
+        still,
     )
 
 
-def strongest_control(aircraft: Aircraft, model: AeroModel, coefficient: str) -> str | None:
-    """The control that can change a coefficient most; None where none does."""
-    fit = model.fits[coefficient]
-    effect = {
-        name: abs(float(fit.value[fit.keys.index(name)])) * travel(aircraft, name)
-        for name in aircraft.control_names
-        if name in fit.keys
-    }
-    return max(effect, key=lambda name: effect[name]) if any(effect.values()) else None
+def unsafe_level_flight(at: Condition) -> str | None:
+    """The limit that level flight alone breaks in these gusts; None where it does not."""
+    found = envelope.broken(at.still, at.allowed, at.aircraft)
+    lost = np.zeros(LANES, dtype=bool)
+    for which in found.values():
+        lost |= which
+    return envelope.most_broken(found) if lost.any() else None
 
 
-def groups(
-    aircraft: Aircraft, model: AeroModel, targets: Sequence[str]
-) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Coefficients that one set of controls excites together, by these controls.
-
-    Rolling and yawing moment go together: neither control moves the aircraft in one of them alone.
-    """
-    lateral = [name for name in ("Cl", "Cn") if name in model.fits]
-    found: dict[tuple[str, ...], tuple[str, ...]] = {}
-    for coefficients in (["Cm"], lateral):
-        wanted = [name for name in coefficients if name in targets and name in model.fits]
-        controls = [strongest_control(aircraft, model, name) for name in coefficients if wanted]
-        moved = tuple(dict.fromkeys(name for name in controls if name is not None))
-        if moved:
-            found[moved] = tuple(wanted)
-    return found
-
-
-def suggest(
-    at: Condition, controls: tuple[str, ...], coefficients: tuple[str, ...], kind: Kind
-) -> Maneuver:
-    """The largest input of one kind that stays inside the envelope.
-
-    Raises:
-        UsageError: even the smallest leaves it.
-    """
-    lateral = any(name in ("Cl", "Cn") for name in coefficients)
-    frequency = at.linear.natural_frequency(lateral=lateral) or SLOWEST
-    time = STEP * np.arange(round((PERIOD + AFTER) / STEP) + 1)
-    shapes, duration = _shapes(kind, len(controls), frequency, time)
-    size = np.array([min(LARGEST, TRAVEL * travel(at.aircraft, name)) for name in controls])
-    place = [at.aircraft.control_names.index(name) for name in controls]
+def sized(at: Condition, recipe: Recipe) -> Maneuver | Refusal:
+    """The largest share of a recipe that keeps every aircraft of the first trial inside."""
+    rows = round((recipe.duration + AFTER) / STEP) + 1
+    full = np.zeros((rows, recipe.added.shape[1]))
+    full[: recipe.added.shape[0]] = recipe.added
+    still = Flown(*(values[:, :rows] for values in at.still))
+    moved = at.fly(at.fleet, full, at.air)
+    share = envelope.largest_inside(still, moved, at.allowed, at.aircraft, SHARES)
+    path = moved
     for _ in range(TRIES):
-        added = np.zeros((time.size, len(at.aircraft.controls)))
-        added[:, place] = shapes * size
-        path = at.simulator.fly(added)
-        rows = slice(0, round((duration + AFTER) / STEP) + 1)
-        part = Flown(*(values[:, rows] for values in path))
-        reach = excursion(part, at.allowed)
-        if reach.violation_probability <= LIKELY:
+        if share < LEAST:
+            return Refusal(recipe.name, _why(moved, at, recipe))
+        path = moved if share == 1.0 else at.fly(at.fleet, share * full, at.air)
+        if not _lost(path, at).any():
+            return _maneuver(at, recipe, share, path)
+        share *= SMALLER
+    return Refusal(recipe.name, _why(path, at, recipe))
+
+
+def proved(at: Condition, maneuver: Maneuver, generator: np.random.Generator) -> Maneuver | Refusal:
+    """A maneuver flown by every drawn aircraft in gusts of its own, smaller until it is safe.
+
+    The bound of `envelope.upper_bound` then holds for the probability to leave the envelope.
+    """
+    tried = maneuver
+    for _ in range(TRIES):
+        found = _proof(at, tried, generator)
+        if found.violation_probability <= envelope.LIKELY:
+            return replace(tried, excursion=found)
+        share = SMALLER * tried.share
+        if share < LEAST:
             break
-        size = SMALLER * size
-    else:
-        raise UsageError(
-            f"{at.aircraft.name}: at {at.trim.airspeed:.0f} m/s even a small input on "
-            f"{' and '.join(controls)} leaves the envelope; widen `[envelope]`, or check its "
-            "airspeeds"
-        )
-    values = flown.regressor_values(at.aircraft, at.trim, part)
-    used = slice(0, round(duration / STEP) + 1)
-    return Maneuver(
-        name=f"{'_'.join(controls)}_{kind}",
-        kind=kind,
-        coefficients=coefficients,
-        controls=controls,
-        duration=duration,
-        time=time[used],
-        added=(shapes * size)[used],
-        flown=part,
-        excursion=reach,
-        gains={name: gain(at.model, name, values, STEP) for name in coefficients},
+        tried = _rescaled(at, tried, share)
+    return Refusal(
+        maneuver.recipe.name,
+        f"even at {100.0 * tried.share:.0f} % of full size {found.left} of {found.flights} flights "
+        f"leave the envelope ({found.first})",
     )
 
 
-def _shapes(
-    kind: Kind, count: int, frequency: float, time: Float[np.ndarray, " sample"]
-) -> tuple[Float[np.ndarray, "sample control"], float]:
-    """Unit inputs of all controls and the length of the whole [s].
+def _proof(at: Condition, maneuver: Maneuver, generator: np.random.Generator) -> Excursion:
+    rows = maneuver.flown.alpha.shape[1]
+    full = np.zeros((rows, maneuver.added.shape[1]))
+    full[: maneuver.added.shape[0]] = maneuver.added
+    most = envelope.allowed_to_leave(LANES * TRIALS)
+    counts: dict[str, int] = {}
+    left = flights = 0
+    for trial in range(TRIALS):
+        fleet = at.simulator.settle(flown.lanes(at.drawn, trial * LANES), at.trim)
+        path = at.fly(fleet, full, _air(at.aircraft, at.trim, at.gust, generator, samples=rows))
+        found = envelope.broken(path, at.allowed, at.aircraft)
+        for name, which in found.items():
+            counts[name] = counts.get(name, 0) + int(which.sum())
+        left += int(np.any(np.stack(list(found.values())), axis=0).sum())
+        flights += LANES
+        if left > most:
+            break
+    first = max(counts, key=lambda name: counts[name]) if left else None
+    return Excursion(envelope.ranges(maneuver.flown), left, flights, first)
 
-    Multisines run together, on lines of their own; pulses one control after the other.
-    """
-    if kind == "multisine":
-        first = max(1, round(LEAST_FREQUENCY * PERIOD))
-        last = max(first + 2 * count, round(BEYOND * frequency / (2.0 * np.pi) * PERIOD))
-        lines = signals.interleaved(first, last, count)
-        return np.stack([signals.multisine(item, PERIOD, time) for item in lines], axis=1), PERIOD
-    one = 7.0 * PULSE / frequency if kind == "multistep" else 2.0 * HALF / frequency
-    one = min(one, 0.4 * PERIOD)
-    wait = one + 2.0
-    shape = signals.multistep if kind == "multistep" else signals.doublet
-    columns = [shape(one, time - index * wait) for index in range(count)]
-    return np.stack(columns, axis=1), (count - 1) * wait + one
+
+def _rescaled(at: Condition, maneuver: Maneuver, share: float) -> Maneuver:
+    rows = maneuver.flown.alpha.shape[1]
+    full = np.zeros((rows, maneuver.recipe.added.shape[1]))
+    full[: maneuver.recipe.added.shape[0]] = share * maneuver.recipe.added
+    return _maneuver(at, maneuver.recipe, share, at.fly(at.fleet, full, at.air))
+
+
+def _lost(path: Flown, at: Condition) -> np.ndarray:
+    return np.any(np.stack(list(envelope.broken(path, at.allowed, at.aircraft).values())), axis=0)
+
+
+def _why(path: Flown, at: Condition, recipe: Recipe) -> str:
+    first = envelope.most_broken(envelope.broken(path, at.allowed, at.aircraft))
+    return (
+        f"at {at.trim.airspeed:.0f} m/s in gusts of {at.gust:.1f} m/s even a twentieth of it "
+        f"({recipe.kind}) leaves the envelope: {first}"
+    )
+
+
+def _maneuver(at: Condition, recipe: Recipe, share: float, path: Flown) -> Maneuver:
+    calm = Flown(*(values[:CALM] for values in path))
+    rows, each = _rows(at, calm)
+    excursion = Excursion(envelope.ranges(path), 0, LANES, None)
+    return Maneuver(recipe, share, at.trim.airspeed, at.height, path, excursion, rows, each)
+
+
+def _rows(
+    at: Condition, calm: Flown
+) -> tuple[dict[str, Rows], dict[str, Float[np.ndarray, "draw term term"]]]:
+    """What each aircraft's flight adds to every coefficient's fit, and the mean of these."""
+    values = [
+        flown.regressor_values(at.aircraft, at.trim.density, calm, draw)
+        for draw in range(calm.alpha.shape[0])
+    ]
+    found, each = {}, {}
+    for name in at.model.fits:
+        parts = [information.rows(at.model, name, item, STEP) for item in values]
+        each[name] = np.stack([part.information for part in parts])
+        found[name] = Rows(
+            each[name].mean(axis=0),
+            np.mean([part.mean for part in parts], axis=0),
+            float(np.mean([part.spread for part in parts])),
+        )
+    return found, each
+
+
+def _air(
+    aircraft: Aircraft,
+    trim: Trim,
+    gust: float,
+    generator: np.random.Generator,
+    *,
+    samples: int = round(LONGEST / STEP) + 1,
+) -> Float[np.ndarray, "draw sample six"]:
+    return gusts.draw(
+        LANES,
+        samples,
+        horizontal=gust,
+        airspeed=trim.airspeed,
+        height=-float(trim.state.position[2]),
+        span=aircraft.geometry.wing_span,
+        step=STEP,
+        generator=generator,
+    )

@@ -1,52 +1,143 @@
-"""Whether a maneuver stays inside the envelope of the aircraft file."""
+"""Whether a maneuver stays inside the envelope of the aircraft file, and how sure that is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy import stats
 
-from gcs_sysid.aircraft import Envelope
-from gcs_sysid.maneuvers.flown import Flown
+from gcs_sysid.aircraft import Aircraft, Envelope
+from gcs_sysid.maneuvers.flown import STEP, Flown
 
-MARGIN = 0.1
-"""Part of each range that is kept free at both ends for gusts and for what the model lacks."""
-LIKELY = 0.02
+MARGIN = 0.05
+"""Part of each range that is kept free at both ends, for what neither the model's own uncertainty
+nor the gusts drawn hold: errors of form, of mass, of the airspeed sensor."""
+LIKELY = 0.01
 """No maneuver is suggested that leaves the envelope, margin included, more probably than this."""
+SURE = 0.95
+"""How sure of that the number of flights tried must make one."""
+
+
+class Limited(NamedTuple):
+    """One limited quantity: its lowest and highest value, and the margin kept to each."""
+
+    low: float
+    high: float
+    room: float
 
 
 @dataclass(frozen=True)
 class Excursion:
-    """Ranges of the mean aircraft, and the probability that any limit is broken."""
+    """How far a maneuver goes.
+
+    Attributes:
+        ranges: of the mean aircraft in calm air.
+        left: flights that left the envelope, margins kept.
+        flights: tried, each with its own aircraft and gusts.
+        first: the limit that most of these broke; None where none did.
+    """
 
     ranges: dict[str, tuple[float, float]]
-    violation_probability: float
+    left: int
+    flights: int
+    first: str | None
+
+    @property
+    def violation_probability(self) -> float:
+        """Upper bound of the probability to leave the envelope, see `upper_bound`."""
+        return upper_bound(self.left, self.flights)
 
 
-def limits(allowed: Envelope) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of every limited quantity [m/s, rad, g, m]."""
-    return {
+def upper_bound(left: int, flights: int) -> float:
+    """Probability that so few would leave by chance with 5 % only (Clopper & Pearson 1934)."""
+    if left >= flights:
+        return 1.0
+    return float(stats.beta.ppf(SURE, left + 1, flights - left))
+
+
+def allowed_to_leave(flights: int) -> int:
+    """So many of these flights may leave, at most, for the bound to hold; −1 if none may."""
+    count = -1
+    while upper_bound(count + 1, flights) <= LIKELY:
+        count += 1
+    return count
+
+
+def limits(allowed: Envelope) -> dict[str, Limited]:
+    """Every limited quantity of the motion [m/s, rad, g, m]."""
+    pairs = {
         "airspeed": allowed.airspeed,
         "alpha": allowed.alpha,
         "beta": allowed.beta,
         "load_factor": allowed.load_factor,
         "bank": (-allowed.bank, allowed.bank),
-        "height": (allowed.height_min, np.inf),
+    }
+    found = {name: Limited(*pair, MARGIN * (pair[1] - pair[0])) for name, pair in pairs.items()}
+    # Heights are known to what the barometer knows; the aircraft is asked to begin higher anyway.
+    return {**found, "height": Limited(allowed.height_min, np.inf, 0.0)}
+
+
+def broken(
+    flown: Flown, allowed: Envelope, aircraft: Aircraft
+) -> dict[str, Bool[np.ndarray, " draw"]]:
+    """Which flights break which limit, travel and rate of the surfaces included."""
+    found: dict[str, np.ndarray] = {}
+    for name, limit in limits(allowed).items():
+        values: Float[np.ndarray, "draw sample"] = getattr(flown, name)
+        outside = (values < limit.low + limit.room) | (values > limit.high - limit.room)
+        found[name] = np.any(outside, axis=1)
+    for index, servo in enumerate(aircraft.servos):
+        asked = flown.commanded[:, :, index]
+        low, high = min(servo.deflection), max(servo.deflection)
+        found[f"travel of {servo.surface}"] = np.any((asked < low) | (asked > high), axis=1)
+        if servo.rate_limit is not None:
+            fast = np.abs(np.diff(asked, axis=1)) > servo.rate_limit * STEP * (1.0 + 1e-9)
+            found[f"rate of {servo.surface}"] = np.any(fast, axis=1)
+    return found
+
+
+def ranges(flown: Flown, draw: int = 0) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of every limited quantity along one flight."""
+    names = ("airspeed", "alpha", "beta", "load_factor", "bank", "height")
+    return {
+        name: (float(getattr(flown, name)[draw].min()), float(getattr(flown, name)[draw].max()))
+        for name in names
     }
 
 
-def excursion(flown: Flown, allowed: Envelope) -> Excursion:
-    """How far a maneuver goes, and how probably beyond a limit, margins kept.
+def most_broken(found: dict[str, Bool[np.ndarray, " draw"]]) -> str | None:
+    """The limit that most flights break; None where none does."""
+    worst = max(found, key=lambda name: int(found[name].sum()))
+    return worst if found[worst].any() else None
 
-    The probability is the share of drawn aircraft that break one, by the rule of succession: with
-    none of n it is 1/(n + 2), since n draws cannot show less.
+
+def largest_inside(
+    still: Flown, moved: Flown, allowed: Envelope, aircraft: Aircraft, shares: np.ndarray
+) -> float:
+    """The largest share of an input that should keep every flight inside; 0 where none does.
+
+    Flights without the input and with all of it, in the same gusts, are interpolated.
+
+    Args:
+        still: without the input.
+        moved: with it.
+        allowed: the envelope.
+        aircraft: whose surfaces have limits.
+        shares: to choose from, increasing.
     """
-    ranges, broken = {}, np.zeros(flown.alpha.shape[0], dtype=bool)
-    for name, (low, high) in limits(allowed).items():
-        values: Float[np.ndarray, "draw sample"] = getattr(flown, name)
-        ranges[name] = (float(values[0].min()), float(values[0].max()))
-        room = MARGIN * (high - low) if np.isfinite(high) else 0.0
-        inside = (values >= low + room) & (values <= high - room)
-        broken |= ~inside.all(axis=1)
-    return Excursion(ranges, float((broken.sum() + 1.0) / (broken.size + 2.0)))
+
+    def inside(share: float) -> bool:
+        between = Flown(
+            *(one + share * (other - one) for one, other in zip(still, moved, strict=True))
+        )
+        return not any(which.any() for which in broken(between, allowed, aircraft).values())
+
+    # A larger share goes further everywhere: bisection finds the last that stays inside.
+    low, high = -1, shares.size
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if inside(float(shares[middle])) else (low, middle)
+    return float(shares[low]) if low >= 0 else 0.0

@@ -1,4 +1,4 @@
-"""Small motions about a trim, and a controller gentle enough to let inputs through."""
+"""Small motions about a trim, and the attitude hold that an autopilot keeps meanwhile."""
 
 from __future__ import annotations
 
@@ -8,63 +8,116 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy import linalg
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
-from gcs_sysid.model.rigid_body import Parameters
+from gcs_sysid.model.rigid_body import Inputs, Parameters
 from gcs_sysid.model.trim import Trim, inputs
 
-GENTLE = 0.02
-"""Weight of motion against control in the controller: it holds attitude, and is slow enough not to
-take a test input away."""
+PERIOD = 0.02
+"""Of an autopilot's loops [s]."""
+RATE = 0.3
+"""Bandwidth of the rate loop over 1/(lag + delay) of the servos: 60° of phase are left."""
+ATTITUDE = 0.15
+"""Of the attitude loop around it."""
+YAW = 0.5
+"""Of the yaw damper, over the rate loop's."""
+
+
+@dataclass(frozen=True)
+class Frequencies:
+    """How fast each motion answers: the short period, the roll mode, the Dutch roll [rad/s]."""
+
+    pitch: float
+    roll: float
+    yaw: float
 
 
 @dataclass(frozen=True)
 class Linear:
-    """Small motions: deviation of (velocity in body axes, rate, roll, pitch), and controls.
+    """Small motions: deviation of (velocity in body axes, rate, roll, pitch), and inputs.
 
     Attributes:
         dynamics: [1/s and the like].
-        inputs: of the controls.
-        gain: controls = −gain·deviation holds the trim.
+        inputs: of the controls, and last of the throttle of all engines together.
+        gain: controls = −gain·deviation is the attitude hold.
     """
 
     dynamics: Float[np.ndarray, "eight eight"]
-    inputs: Float[np.ndarray, "eight control"]
+    inputs: Float[np.ndarray, "eight input"]
     gain: Float[np.ndarray, "control eight"]
 
     def natural_frequency(self, *, lateral: bool) -> float:
         """Of the fastest oscillation of one motion [rad/s]; 0 where none oscillates."""
-        rows = [1, 3, 5, 6] if lateral else [0, 2, 4, 7]
-        roots = np.linalg.eigvals(self.dynamics[np.ix_(rows, rows)])
+        roots = self._roots(lateral=lateral)
         swinging = np.abs(roots[np.abs(roots.imag) > 1e-3])
         return float(swinging.max()) if swinging.size else 0.0
+
+    def frequencies(self) -> Frequencies:
+        """Of the three motions that test inputs excite; real roots count by their speed."""
+        along, across = self._roots(lateral=False), self._roots(lateral=True)
+        fastest = np.sort(np.abs(along))[-2:]
+        roll = np.abs(across[np.abs(across.imag) < 1e-3])
+        swing = self.natural_frequency(lateral=True)
+        slow = np.sort(np.abs(across))[1:3]
+        return Frequencies(
+            pitch=float(np.sqrt(np.prod(fastest))),
+            roll=float(roll.max()) if roll.size else float(np.abs(across).max()),
+            yaw=swing or float(np.sqrt(np.prod(slow))),
+        )
+
+    @property
+    def held(self) -> Float[np.ndarray, "eight eight"]:
+        """Dynamics with the attitude hold closed, servos without lag."""
+        return self.dynamics - self.inputs[:, : self.gain.shape[0]] @ self.gain
+
+    def _roots(self, *, lateral: bool) -> np.ndarray:
+        rows = [1, 3, 5, 6] if lateral else [0, 2, 4, 7]
+        return np.linalg.eigvals(self.dynamics[np.ix_(rows, rows)])
 
 
 def linearised(aircraft: Aircraft, trim: Trim) -> Linear:
     """Small motions about a trim, by the exact derivatives of the equations of motion."""
     values = rigid_body.parameters(aircraft)
+    zero, still = jnp.zeros(8), jnp.zeros(len(aircraft.controls) + 1)
 
     def rate(change: Array, moved: Array) -> Array:
         return _rate(aircraft, values, trim, change, moved)
 
-    zero, still = jnp.zeros(8), jnp.zeros(len(aircraft.controls))
     dynamics, control = (
         np.asarray(value) for value in jax.jit(jax.jacfwd(rate, argnums=(0, 1)))(zero, still)
     )
-    scale = np.array([trim.airspeed] * 3 + [1.0] * 3 + [0.3, 0.3])
-    weight = GENTLE * np.diag(scale**-2.0)
-    riccati = linalg.solve_continuous_are(
-        dynamics - 1e-3 * np.eye(8), control, weight, np.eye(control.shape[1])
-    )
-    return Linear(dynamics, control, control.T @ riccati)
+    return Linear(dynamics, control, _attitude_hold(aircraft, trim, control[:, :-1]))
+
+
+def lag(aircraft: Aircraft) -> float:
+    """Slowest servo's time constant and delay [s]."""
+    return max((servo.delay + servo.time_constant for servo in aircraft.servos), default=0.0)
+
+
+def _attitude_hold(
+    aircraft: Aircraft, trim: Trim, effect: Float[np.ndarray, "eight control"]
+) -> Float[np.ndarray, "control eight"]:
+    """Gains of an autopilot whose bandwidths are shares of what its servos allow.
+
+    Roll and pitch angles command rates, rates command angular accelerations, and the controls that
+    make these follow from the model. Without a third control yaw is left to the aircraft.
+    """
+    fast = RATE / (lag(aircraft) + PERIOD)
+    slow = ATTITUDE / (lag(aircraft) + PERIOD)
+    wanted = np.zeros((3, 8))
+    wanted[0, 3], wanted[0, 6] = fast, fast * slow
+    wanted[1, 4], wanted[1, 7] = fast, fast * slow
+    wanted[2, 5], wanted[2, 6] = YAW * fast, -YAW * fast * GRAVITY / trim.airspeed
+    axes = [0, 1, 2] if effect.shape[1] > 2 else [0, 1]
+    return np.linalg.pinv(effect[3:6][axes]) @ wanted[axes]
 
 
 def _rate(aircraft: Aircraft, values: Parameters, trim: Trim, change: Array, moved: Array) -> Array:
-    """Rate of change of the deviation, for a deviation and moved controls."""
+    """Rate of change of the deviation, for a deviation and moved controls and throttle."""
     euler = frames.euler_from_quaternion(trim.state.attitude)
     euler = euler + jnp.concatenate([change[6:], jnp.zeros(1)])
     attitude = frames.quaternion_from_euler(euler)
@@ -72,13 +125,17 @@ def _rate(aircraft: Aircraft, values: Parameters, trim: Trim, change: Array, mov
     state = trim.state._replace(
         velocity=frames.rotate(attitude, body), attitude=attitude, rate=change[3:6]
     )
-    given = inputs(
-        aircraft, jnp.asarray(trim.controls) + moved, jnp.asarray(trim.settings), trim.density
-    )
-    slope = rigid_body.derivative(aircraft, values, state, given)
+    slope = rigid_body.derivative(aircraft, values, state, _given(aircraft, trim, moved))
     turned = frames.unrotate(attitude, slope.velocity) - frames.cross(change[3:6], body)
     roll, pitch = euler[0], euler[1]
     p, q, r = change[3], change[4], change[5]
     swing = q * jnp.sin(roll) + r * jnp.cos(roll)
     angles = jnp.stack([p + swing * jnp.tan(pitch), q * jnp.cos(roll) - r * jnp.sin(roll)])
     return jnp.concatenate([turned, slope.rate, angles])
+
+
+def _given(aircraft: Aircraft, trim: Trim, moved: Array) -> Inputs:
+    # The table of an engine over rotation speed is not over throttle: it stays as it is.
+    share = np.array([0.0 if engine.rpm else 1.0 for engine in aircraft.propulsion])
+    settings = jnp.asarray(trim.settings) + share * moved[-1]
+    return inputs(aircraft, jnp.asarray(trim.controls) + moved[:-1], settings, trim.density)

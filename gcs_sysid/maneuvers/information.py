@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,27 @@ from jaxtyping import Float
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+
+SAMPLE = 0.02
+"""Interval of the samples of a fit [s]: those of an inertial unit at 50 Hz."""
+
+Covariances = Mapping[str, Float[np.ndarray, "term term"]]
+"""Of every coefficient's terms, by name."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a maneuver adds to the regression of one coefficient.
+
+    Attributes:
+        information: XᵀX/v of its terms, what it adds to the inverse of their covariance.
+        mean: of the terms' products over the maneuver, XᵀX/n.
+        spread: how much the coefficient varies in the maneuver, one standard deviation.
+    """
+
+    information: Float[np.ndarray, "term term"]
+    mean: Float[np.ndarray, "term term"]
+    spread: float
 
 
 @dataclass(frozen=True)
@@ -29,12 +51,12 @@ class Gain:
     derivatives: dict[str, tuple[float, float]]
 
 
-def gain(model: AeroModel, name: str, values: Values, step: float) -> Gain:
-    """Uncertainty of one coefficient before and after a maneuver was flown and fitted.
+def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
+    """What the samples of a maneuver add to the fit of one coefficient.
 
     The regression of the model's own fit with the maneuver's rows added: its residual is its noise,
-    and rows count for what they counted for there, coloured residuals included. What does not
-    shrink with more data, the errors of mass, inertia and thrust, stays.
+    and rows count for what they counted for there, coloured residuals included. v is the variance
+    of the residual over the share of rows that were independent.
 
     Args:
         model: identified so far.
@@ -44,39 +66,59 @@ def gain(model: AeroModel, name: str, values: Values, step: float) -> Gain:
     """
     fit = model.fits[name]
     columns = basis.columns(fit.keys, model.controls, values)
-    before, stays = fit.covariance, lasting(fit)
-    after = stays + updated(before - stays, fit, columns, step)
-    value = columns @ fit.value
+    share = fit.effective_samples / fit.samples
+    variance = fit.residual**2 / max(share, 1e-12) * SAMPLE / step
+    products = columns.T @ columns
+    return Rows(
+        information=products / variance,
+        mean=products / columns.shape[0],
+        spread=float((columns @ fit.value).std()),
+    )
+
+
+def after(
+    covariance: Float[np.ndarray, "term term"],
+    fit: CoefficientFit,
+    information: Float[np.ndarray, "term term"],
+) -> Float[np.ndarray, "term term"]:
+    """Covariance of the terms once information was added; what more data cannot tell stays."""
+    stays = lasting(fit)
+    return stays + updated(covariance - stays, information)
+
+
+def gain(
+    fit: CoefficientFit,
+    added: Rows,
+    covariance: Float[np.ndarray, "term term"],
+    *,
+    repeats: int = 1,
+) -> Gain:
+    """Uncertainty of one coefficient before and after a maneuver was flown and fitted.
+
+    Args:
+        fit: of the coefficient.
+        added: by the maneuver.
+        covariance: of its terms before.
+        repeats: how often it is flown.
+    """
+    later = after(covariance, fit, repeats * added.information)
     return Gain(
-        before=_deviation(columns, before),
-        after=_deviation(columns, after),
-        spread=float(value.std()),
+        before=_deviation(added.mean, covariance),
+        after=_deviation(added.mean, later),
+        spread=added.spread,
         derivatives={
-            key: (float(np.sqrt(before[index, index])), float(np.sqrt(after[index, index])))
+            key: (float(np.sqrt(covariance[index, index])), float(np.sqrt(later[index, index])))
             for index, key in enumerate(fit.keys)
         },
     )
 
 
 def updated(
-    covariance: Float[np.ndarray, "term term"],
-    fit: CoefficientFit,
-    columns: Float[np.ndarray, "sample term"],
-    step: float,
+    covariance: Float[np.ndarray, "term term"], information: Float[np.ndarray, "term term"]
 ) -> Float[np.ndarray, "term term"]:
-    """Covariance Σ of the terms after more rows: (Σ⁻¹ + XᵀX/v)⁻¹, without inverting Σ.
-
-    v is the variance of the residual over the share of rows that were independent.
-    """
-    share = fit.effective_samples / fit.samples
-    variance = fit.residual**2 / max(share, 1e-12) * SAMPLE / step
-    added = columns.T @ columns / variance
-    found = np.linalg.solve(np.eye(len(fit.keys)) + covariance @ added, covariance)
+    """(Σ⁻¹ + I)⁻¹ without inverting Σ."""
+    found = np.linalg.solve(np.eye(covariance.shape[0]) + covariance @ information, covariance)
     return 0.5 * (found + found.T)
-
-
-SAMPLE = 0.02
-"""Interval of the samples of a fit [s]: those of an inertial unit at 50 Hz."""
 
 
 def lasting(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
@@ -93,7 +135,7 @@ def lasting(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
 
 
 def _deviation(
-    columns: Float[np.ndarray, "sample term"], covariance: Float[np.ndarray, "term term"]
+    mean: Float[np.ndarray, "term term"], covariance: Float[np.ndarray, "term term"]
 ) -> float:
-    variance = np.sum((columns @ covariance) * columns, axis=1)
-    return float(np.sqrt(np.mean(np.maximum(variance, 0.0))))
+    """Root mean square over rows of √(x Σ xᵀ)."""
+    return float(np.sqrt(max(np.sum(mean * covariance), 0.0)))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,40 +12,50 @@ from typing import Any
 import numpy as np
 
 from gcs_sysid import atmosphere
-from gcs_sysid.aircraft import MOMENTS
+from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.maneuvers import design, flown, holding
-from gcs_sysid.maneuvers.design import KINDS, Condition, Maneuver
-from gcs_sysid.maneuvers.flown import STEP, Simulator
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.maneuvers import design, flown, recipes, sortie
+from gcs_sysid.maneuvers.axes import THROTTLE
+from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
+from gcs_sysid.maneuvers.flown import LANES, Simulator
+from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.sortie import Sortie
+from gcs_sysid.maneuvers.target import Target
 from gcs_sysid.model import trim
-from gcs_sysid.offline import documents, model_store, summary, tested
+from gcs_sysid.model.trim import Trim
+from gcs_sysid.offline import (
+    documents,
+    model_store,
+    suggestion_entries,
+    suggestion_files,
+    suggestion_flown,
+    suggestion_map,
+    suggestion_target,
+    summary,
+    tested,
+)
 from gcs_sysid.offline.model_store import StoredModel
+from gcs_sysid.offline.suggestion_target import Question
 
 Progress = Callable[[str, float], None]
 
 ABOVE = 50.0
 """Height [m] above the lowest allowed at which maneuvers are planned."""
-SPEED = 0.45
-"""Where in the envelope's airspeeds they are planned."""
-CHANNELS = ("airspeed", "alpha", "beta", "load_factor", "bank")
+SPEEDS = (0.45, 0.25, 0.7)
+"""Where in the envelope's airspeeds they are planned, the middle first."""
+ASSUMED_GUST = 0.5
+"""Horizontal gust intensity where no flight says one [m/s]: a light breeze over flat country."""
+LISTED = 8
+"""Maneuvers that are proved safe and listed, beside those of the sortie."""
 
 
-def run(
-    model_dir: Path,
-    *,
-    confidence: float,
-    target: str | None,
-    seed: int,
-    out: Path,
-    progress: Progress,
-) -> dict[str, Any]:
+def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -> dict[str, Any]:
     """Plans maneuvers; writes `maneuvers.json`, `suggest.json`, one CSV each, `maneuvers.parquet`.
 
     Args:
         model_dir: an identified model.
-        confidence: a coefficient is unsure where its deviation exceeds this part of its variation.
-        target: the moment coefficient to plan for; None takes all that are unsure.
-        seed: of the aircraft drawn from the model's posterior.
+        question: what to plan for.
         out: directory for the results.
         progress: told what is being done.
 
@@ -52,171 +63,278 @@ def run(
         The document of the run, which holds the list of `maneuvers.json`.
 
     Raises:
-        InputError: the model cannot be used.
-        UsageError: a target that is no moment of the model.
+        InputError: the model cannot be used, or no maneuver is safe.
+        UsageError: a target that the model does not have.
     """
     started = clock.perf_counter()
     stored = model_store.load(model_dir)
-    targets = _targets(stored, target, model_dir)
-    progress("finding level flight", 0.1)
-    at = _condition(stored, model_dir, np.random.default_rng(seed))
-    planned: list[Maneuver] = []
-    grouped = design.groups(at.aircraft, stored.model, targets)
-    for index, (controls, coefficients) in enumerate(grouped.items()):
-        for kind in KINDS:
-            progress(f"{' and '.join(controls)} {kind}", 0.2 + 0.7 * index / len(grouped))
-            planned.append(design.suggest(at, controls, coefficients, kind))
-    kept = [item for item in planned if target is not None or _unsure(item, confidence)]
-    kept.sort(key=lambda item: -item.worth)
-    listed = [_entry(item) for item in kept]
-    for item in kept:
-        documents.write_text(out / f"{item.name}.csv", _csv(item))
+    aircraft = _aircraft(stored, model_dir)
+    generator = np.random.default_rng(question.seed)
+    gust = _gust(model_dir, question.gust)
+    before = {name: fit.covariance for name, fit in stored.model.fits.items()}
+    progress("finding level flight", 0.02)
+    conditions, refused = _conditions(aircraft, stored.model, gust["value"], generator, progress)
+    target = suggestion_target.chosen(
+        stored.model, question.target, question.region, _level(conditions[0])
+    )
+    candidates, more = _sized(conditions, target, progress)
+    refused += more
+    if not candidates:
+        raise RefusedError(
+            aircraft.name,
+            f"no maneuver for {target.words} is safe: {refused[0].reason if refused else 'none'}",
+            fix="widen [envelope] where the aircraft allows it, or fly in calmer air",
+        )
+    unsure = _unsure(stored.model, before, [item for item, _ in candidates], target)
+    kept: list[tuple[float, Maneuver]] = []
+    plan = Sortie((), 0.0, before, before)
+    if _wanted(question, unsure):
+        progress("proving that they are safe", 0.7)
+        kept, plan, late = _chosen(
+            target, stored.model, candidates, before, 60.0 * question.minutes, generator
+        )
+        refused += late
+    names = (*aircraft.control_names, THROTTLE)
+    listed = _listed(kept, plan, names, target, stored.model, aircraft)
+    for _, item in kept:
+        documents.write_text(out / f"{item.name}.csv", suggestion_files.csv(item, names))
     documents.write_text(out / "maneuvers.json", documents.dump_json(listed) + "\n")
-    documents.write_table(out / "maneuvers.parquet", _table(kept))
+    table = suggestion_files.motions([item for _, item in kept], names)
+    documents.write_table(out / "maneuvers.parquet", table)
     document = {
-        **summary.header("suggest", at.aircraft, "model"),
+        **summary.header("suggest", aircraft, "model"),
         "model": {"source": str(model_dir), "flights": stored.provenance},
         "flights": [],
-        "confidence": confidence,
-        "target": target,
-        "condition": {
-            "airspeed": at.trim.airspeed,
-            "height": -float(at.trim.state.position[2]),
-            "controls": dict(zip(at.aircraft.control_names, at.trim.controls, strict=True)),
-        },
-        "unsure": _unsure_now(planned),
+        "confidence": question.confidence,
+        "target": question.target,
+        "region": {name: list(pair) for name, pair in target.region.items()},
+        "gust": gust,
+        "conditions": [_condition(item) for item in conditions],
+        "unsure": unsure,
         "maneuvers": listed,
-        "limits": summary.limits(at.aircraft),
-        "warnings": [],
+        "confidence_map": suggestion_map.confidence(
+            stored.model,
+            plan,
+            target,
+            conditions[0].allowed,
+            _level(conditions[0]),
+            {name: item["spread"] for name, item in unsure.items()},
+        ),
+        "sortie": suggestion_entries.sortie(plan, stored.model, target, gust),
+        "poor_model": sortie.poor(stored.model),
+        "refused": [{"name": item.name, "reason": item.reason} for item in refused],
+        "flown": None
+        if question.flown is None
+        else suggestion_flown.compared(question.flown, stored.model),
+        "limits": summary.limits(aircraft),
+        "warnings": _warnings(gust),
         "timing": {"total_s": clock.perf_counter() - started},
     }
     documents.write_json(out / "suggest.json", document)
     return documents.plain(document)
 
 
-def _targets(stored: StoredModel, target: str | None, model_dir: Path) -> tuple[str, ...]:
-    known = tuple(name for name in MOMENTS if name in stored.model.fits)
-    if target is None:
-        return known
-    if target not in known:
-        raise UsageError(
-            f"--target {target}: {model_dir} has the moment coefficients "
-            f"{', '.join(known) or 'none'}; name one of them"
-        )
-    return (target,)
-
-
-def _condition(stored: StoredModel, model_dir: Path, generator: np.random.Generator) -> Condition:
-    allowed = stored.aircraft.envelope
-    if allowed is None:
+def _aircraft(stored: StoredModel, model_dir: Path) -> Aircraft:
+    """The aircraft that the model describes; what was not identified stays as its file says."""
+    if stored.aircraft.envelope is None:
         raise RefusedError(
             str(model_dir / "aircraft.toml"),
             "has no [envelope], so nothing says how far a maneuver may go",
             fix="add it to the aircraft file and identify again",
         )
     found = tested.with_model(stored.aircraft, stored.model)
-    every = {**stored.aircraft.aerodynamics, **found.aerodynamics}
-    aircraft = replace(found, aerodynamics=every)
-    height = allowed.height_min + ABOVE
-    low, high = allowed.airspeed
-    level = trim.find(
-        aircraft,
-        low + SPEED * (high - low),
-        height,
-        float(atmosphere.density(np.array(height))),
-    )
-    linear = holding.linearised(aircraft, level)
-    drawn = flown.draws(aircraft, stored.model, generator)
-    simulator = Simulator(aircraft, level, linear, drawn)
-    return Condition(aircraft, stored.model, allowed, level, linear, simulator)
+    return replace(found, aerodynamics={**stored.aircraft.aerodynamics, **found.aerodynamics})
 
 
-def _unsure(item: Maneuver, confidence: float) -> bool:
-    """Whether any coefficient of a maneuver is less sure than asked for."""
-    gains = [item.gains[name] for name in item.coefficients]
-    return any(one.before > confidence * one.spread for one in gains)
+def _gust(model_dir: Path, asked: float | None) -> dict[str, Any]:
+    """Intensity of the gusts to reckon with [m/s], and who says so."""
+    if asked is not None:
+        return {"value": asked, "source": "asked for"}
+    for folder in (model_dir, model_dir.parent):
+        path = folder / "summary.json"
+        if path.is_file():
+            told = json.loads(path.read_text(encoding="utf-8"))
+            value = ((told.get("reconstruction") or {}).get("gust_sd") or {}).get("value")
+            if value is not None:
+                return {"value": float(value), "source": "the flight that the model is from"}
+    return {"value": ASSUMED_GUST, "source": "assumed"}
 
 
-def _unsure_now(planned: list[Maneuver]) -> dict[str, dict[str, Any]]:
-    """How sure the model is of each coefficient in the multisine for it, and of its terms."""
-    found = {}
-    for item in planned:
-        if item.kind != "multisine":
+def _warnings(gust: Mapping[str, Any]) -> list[str]:
+    if gust["source"] != "assumed":
+        return []
+    return [
+        f"no flight says how strong the gusts are: {gust['value']} m/s are assumed; give --gust"
+    ]
+
+
+def _conditions(
+    aircraft: Aircraft,
+    model: AeroModel,
+    gust: float,
+    generator: np.random.Generator,
+    progress: Progress,
+) -> tuple[list[Condition], list[Refusal]]:
+    """Level flights at several airspeeds, without those that are not safe by themselves."""
+    if aircraft.envelope is None:
+        raise ValueError("checked before")
+    simulator = Simulator(aircraft)
+    drawn = flown.draws(aircraft, model, generator, LANES * design.TRIALS)
+    found, refused = [], []
+    low, high = aircraft.envelope.airspeed
+    for number, share in enumerate(SPEEDS):
+        airspeed = low + share * (high - low)
+        progress(f"level flight at {airspeed:.0f} m/s", 0.05 + 0.05 * number)
+        try:
+            level = _trim(aircraft, airspeed)
+        except UsageError as error:
+            refused.append(Refusal(f"{airspeed:.0f} m/s", str(error)))
             continue
-        for name in item.coefficients:
-            one = item.gains[name]
-            found[name] = {
-                "sd": one.before,
-                "spread": one.spread,
-                "derivatives": {key: {"sd": sd[0]} for key, sd in one.derivatives.items()},
-            }
+        at = design.condition(
+            aircraft, model, simulator, drawn, level, gust=gust, generator=generator
+        )
+        limit = design.unsafe_level_flight(at)
+        if limit is None:
+            found.append(at)
+            continue
+        reason = (
+            f"level flight at {airspeed:.0f} m/s leaves the envelope ({limit}) by itself in gusts "
+            f"of {gust:.1f} m/s, or by what is not known of the aircraft"
+        )
+        refused.append(Refusal(f"{airspeed:.0f} m/s", reason))
+    if not found:
+        raise RefusedError(
+            aircraft.name,
+            refused[0].reason,
+            fix="fly in calmer air (--gust), or widen [envelope] where the aircraft allows it",
+        )
+    return found, refused
+
+
+def _trim(aircraft: Aircraft, airspeed: float) -> Trim:
+    if aircraft.envelope is None:
+        raise ValueError("checked before")
+    height = aircraft.envelope.height_min + ABOVE
+    return trim.find(aircraft, airspeed, height, float(atmosphere.density(np.array(height))))
+
+
+def _level(at: Condition) -> dict[str, float]:
+    """Every variable of a model in level flight."""
+    values = flown.regressor_values(at.aircraft, at.trim.density, at.still)
+    return {name: float(value[0]) for name, value in values.items()}
+
+
+def _sized(
+    conditions: Sequence[Condition], target: Target, progress: Progress
+) -> tuple[list[tuple[Maneuver, Condition]], list[Refusal]]:
+    """Every recipe that excites what is asked for, as large as it is safe."""
+    found, refused = [], []
+    for number, at in enumerate(conditions):
+        for recipe in recipes.every(at.place()):
+            if not set(recipe.coefficients) & set(target.coefficients):
+                continue
+            share = number / len(conditions)
+            progress(f"{recipe.kind} at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
+            one = design.sized(at, recipe)
+            if isinstance(one, Refusal):
+                refused.append(one)
+            else:
+                found.append((one, at))
+    return found, refused
+
+
+def _chosen(
+    target: Target,
+    model: AeroModel,
+    candidates: Sequence[tuple[Maneuver, Condition]],
+    before: Covariances,
+    budget: float,
+    generator: np.random.Generator,
+) -> tuple[list[tuple[float, Maneuver]], Sortie, list[Refusal]]:
+    """The sortie and the best single maneuvers, all of them proved safe."""
+    places = {item.name: at for item, at in candidates}
+    pool = [item for item, _ in candidates]
+    proved: dict[str, Maneuver] = {}
+    refused: list[Refusal] = []
+    while True:
+        plan = sortie.planned(target, model, pool, before=before, budget=budget)
+        best = sortie.ranked(target, model, before, pool)[:LISTED]
+        wanted = [step.maneuver for step in plan.steps] + [item for _, item in best]
+        open_ones = [item for item in wanted if item.name not in proved]
+        if not open_ones:
+            break
+        item = open_ones[0]
+        one = design.proved(places[item.name], item, generator)
+        if isinstance(one, Refusal):
+            refused.append(one)
+            pool = [other for other in pool if other is not item]
+        else:
+            proved[item.name] = one
+            pool = [one if other is item else other for other in pool]
+    kept = {item.name for item in wanted}
+    ranked = sortie.ranked(target, model, before, [item for item in pool if item.name in kept])
+    return ranked, plan, refused
+
+
+def _wanted(question: Question, unsure: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether anything is to be planned: what was asked for by name, sure or not."""
+    if question.target is not None or question.region is not None:
+        return True
+    return any(item["sd"] > question.confidence * item["spread"] for item in unsure.values())
+
+
+def _listed(
+    kept: Sequence[tuple[float, Maneuver]],
+    plan: Sortie,
+    names: tuple[str, ...],
+    target: Target,
+    model: AeroModel,
+    aircraft: Aircraft,
+) -> list[dict[str, Any]]:
+    if aircraft.envelope is None:
+        raise ValueError("checked before")
+    return [
+        suggestion_entries.entry(
+            item,
+            names,
+            target=target,
+            model=model,
+            before=plan.before,
+            allowed=aircraft.envelope,
+            worth=worth,
+            flown=sum(step.maneuver is item and step.share == 1.0 for step in plan.steps),
+        )
+        for worth, item in kept
+    ]
+
+
+def _unsure(
+    model: AeroModel, before: Covariances, candidates: Sequence[Maneuver], target: Target
+) -> dict[str, dict[str, Any]]:
+    """How sure the model is of each coefficient in the maneuver that varies it most."""
+    found = {}
+    for name in target.coefficients:
+        widest = max(candidates, key=lambda item: item.rows[name].spread)
+        one = widest.gains(model, before)[name]
+        found[name] = {
+            "sd": one.before,
+            "spread": one.spread,
+            "in": widest.name,
+            "derivatives": {key: {"sd": sd[0]} for key, sd in one.derivatives.items()},
+        }
     return found
 
 
-def _entry(item: Maneuver) -> dict[str, Any]:
-    """One maneuver in the keys of the interface."""
-    reach = item.excursion
-    amplitude = np.abs(item.added).max(axis=0)
+def _condition(at: Condition) -> dict[str, Any]:
+    frequencies = at.linear.frequencies()
     return {
-        "name": item.name,
-        "kind": item.kind,
-        "target": {
-            "coefficients": list(item.coefficients),
-            "region": {name: list(reach.ranges[name]) for name in ("airspeed", "alpha", "beta")},
+        "airspeed": at.trim.airspeed,
+        "height": at.height,
+        "controls": dict(zip(at.aircraft.control_names, at.trim.controls, strict=True)),
+        "settings": list(at.trim.settings),
+        "frequencies": {
+            "short_period": frequencies.pitch,
+            "roll": frequencies.roll,
+            "dutch_roll": frequencies.yaw,
         },
-        "controls": list(item.controls),
-        "amplitude": dict(zip(item.controls, amplitude, strict=True)),
-        "duration_s": item.duration,
-        "expected": {
-            name: {
-                "sd_before": one.before,
-                "sd_after": one.after,
-                "spread": one.spread,
-                "derivatives": {
-                    key: {"sd_before": before, "sd_after": after}
-                    for key, (before, after) in one.derivatives.items()
-                },
-            }
-            for name, one in item.gains.items()
-        },
-        "envelope": {
-            **{name: list(values) for name, values in reach.ranges.items()},
-            "violation_probability": reach.violation_probability,
-        },
-        "worth": item.worth,
-        "csv": f"{item.name}.csv",
-    }
-
-
-def _csv(item: Maneuver) -> str:
-    """Time [s] and one column a control [deg], to be added to trim and the autopilot's command."""
-    rows = [",".join(("t", *item.controls))]
-    for when, values in zip(item.time, np.degrees(item.added) + 0.0, strict=True):
-        rows.append(",".join((f"{when:.3f}", *(f"{value:.4f}" for value in values))))
-    return "\n".join(rows) + "\n"
-
-
-def _table(kept: list[Maneuver]) -> dict[str, np.ndarray]:
-    """What is flown in each maneuver, for drawing: the mean, and the range of all drawn."""
-    parts = []
-    for number, item in enumerate(kept):
-        count = item.flown.alpha.shape[1]
-        part: dict[str, np.ndarray] = {
-            "maneuver": np.full(count, number),
-            "t": STEP * np.arange(count),
-        }
-        for place in range(2):
-            column = np.full(count, np.nan)
-            if place < len(item.controls):
-                column[: item.time.size] = item.added[:, place]
-            part[f"input_{place}"] = column
-        for name in CHANNELS:
-            values = getattr(item.flown, name)
-            part[name] = values[0]
-            part[f"{name}_low"], part[f"{name}_high"] = values.min(axis=0), values.max(axis=0)
-        parts.append(part)
-    names = parts[0] if parts else ("maneuver", "t")
-    return {
-        name: np.concatenate([part[name] for part in parts]) if parts else np.zeros(0)
-        for name in names
     }

@@ -4,14 +4,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_sysid.figures.maneuver import maneuver
-from gcs_sysid.report import labels, sheet
+from gcs_sysid.figures.data import Figure
+from gcs_sysid.figures.maneuver import THROTTLE, confidence, maneuver
+from gcs_sysid.report import labels, page
 from gcs_sysid.report.findings import Finding
 from gcs_sysid.report.numbers import number
-from gcs_sysid.report.sheet import Section, Sheet, Table
+from gcs_sysid.report.sheet import Table
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A line of a card."""
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
+class Card:
+    """One maneuver for the cockpit or the ground station: a page when printed."""
+
+    name: str
+    title: str
+    how: str
+    entry: tuple[Pair, ...]
+    expected: tuple[Pair, ...]
+    stop: tuple[Pair, ...]
+    recovery: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything that the template places."""
+
+    findings: tuple[Finding, ...]
+    flown: Table | None
+    maps: tuple[Figure, ...]
+    derivatives: tuple[Table, ...]
+    maneuvers: Table
+    sortie_lead: str
+    sortie: Table
+    cards: tuple[Card, ...]
+    refused: Table
 
 
 def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
@@ -21,70 +60,70 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
         summary: the document of `suggest`.
         table: `maneuvers.parquet`, one array a column.
     """
-    listed = summary["maneuvers"]
-    return sheet.render(
-        Sheet(
-            kind="Maneuver suggestions",
-            question="What to fly next",
-            summary=summary,
-            findings=findings(summary),
-            sections=(
-                Section(
-                    "maneuvers",
-                    "Maneuvers",
-                    "In order of worth. Deviations are of the coefficient along the maneuver, root "
-                    "mean square, before it is flown and after it was flown once and fitted.",
-                    tables=(_maneuvers(summary),),
-                ),
-                Section(
-                    "derivatives",
-                    "Derivatives",
-                    "One standard deviation of each term, now and after the maneuver. What errors "
-                    "of mass and inertia leave open no maneuver closes.",
-                    tables=tuple(_derivatives(item) for item in _best(listed)),
-                ),
-                Section(
-                    "motion",
-                    "Inputs and motion",
-                    "Flown from level flight by the identified aircraft with a gentle attitude "
-                    "hold, as an autopilot keeps one.",
-                    figures=tuple(
-                        maneuver(table, place, item, summary["limits"])
-                        for place, item in enumerate(listed)
-                    ),
-                ),
-            ),
-            files="maneuvers.json, suggest.json and a CSV for each maneuver",
-        )
+    made = Page(
+        findings=findings(summary),
+        flown=_flown(summary["flown"]),
+        maps=tuple(
+            confidence(name, item, summary["confidence"])
+            for name, item in summary["confidence_map"].items()
+        ),
+        derivatives=tuple(
+            _derivatives(name, terms)
+            for name, terms in summary["sortie"]["derivatives"].items()
+            if name in summary["sortie"]["asked"]
+        ),
+        maneuvers=_maneuvers(summary),
+        sortie_lead=_sortie_lead(summary),
+        sortie=_sortie(summary["sortie"]["steps"]),
+        cards=tuple(
+            _card(item, maneuver(table, place, item), summary)
+            for place, item in enumerate(summary["maneuvers"])
+        ),
+        refused=Table(
+            ("maneuver", "why"),
+            tuple((_words(item["name"]), item["reason"]) for item in summary["refused"]),
+        ),
     )
+    figures = [*made.maps, *(card.figure for card in made.cards)]
+    return page.render("suggest.html.j2", figures, {"page": made, "summary": summary})
 
 
 def findings(summary: Mapping) -> tuple[Finding, ...]:
     """The headline findings, most important first."""
     listed = summary["maneuvers"]
-    if not listed:
-        return (
+    flown = summary["flown"]
+    found = []
+    if flown is not None:
+        found.append(
             Finding(
-                "Nothing to fly",
-                f"every moment coefficient is known to {100.0 * summary['confidence']:.0f} % of "
-                "its variation; ask for more with a smaller --confidence.",
-            ),
+                "Flown",
+                f"deviations came out {number(flown['achieved_over_predicted'], 2)} times those "
+                "foretold (median).",
+            )
         )
-    found = [Finding("Least sure", f"{_unsure(summary)}.")]
-    for item in listed[:5]:
+    if not listed:
+        text = (
+            f"every coefficient asked about is known to {100.0 * summary['confidence']:.0f} % of "
+            "its variation; ask for more with a smaller --confidence."
+        )
+        return (*found, Finding("Nothing to fly", text))
+    found.append(Finding("Least sure", f"{_unsure(summary)}."))
+    for item in listed[:4]:
         found.append(Finding("Fly", f"{_described(item)}: {_teaches(item)}."))
-    at = summary["condition"]
+    found.append(Finding("Sortie", _sortie_lead(summary)))
+    risk = max(item["envelope"]["violation_probability"] for item in listed)
     found.append(
         Finding(
-            "From",
-            f"level flight at {at['airspeed']:.0f} m/s, {at['height']:.0f} m above ground or more.",
+            "Safe",
+            f"each leaves the envelope with probability {number(risk, 2)} at most, in gusts of "
+            f"{number(summary['gust']['value'], 2)} m/s ({summary['gust']['source']}).",
         )
     )
     return tuple(found)
 
 
 def _unsure(summary: Mapping) -> str:
-    """Coefficients and, of each, the term that is known worst against the size of all."""
+    """Coefficients and how well each is known."""
     words = []
     for name, item in summary["unsure"].items():
         share = 100.0 * item["sd"] / item["spread"] if item["spread"] else math.inf
@@ -93,59 +132,165 @@ def _unsure(summary: Mapping) -> str:
 
 
 def _described(item: Mapping) -> str:
-    amplitude = ", ".join(
-        f"{name} ±{math.degrees(value):.1f}°" for name, value in item["amplitude"].items()
+    return (
+        f"{item['kind']} of {item['duration_s']:.1f} s on {_amplitudes(item)} at "
+        f"{item['entry']['airspeed']:.0f} m/s"
     )
-    return f"{item['kind']} of {item['duration_s']:.1f} s on {amplitude}"
+
+
+def _amplitudes(item: Mapping) -> str:
+    return ", ".join(_amplitude(name, value) for name, value in item["amplitude"].items())
+
+
+def _amplitude(name: str, value: float) -> str:
+    if name == THROTTLE:
+        return f"{name} ±{100.0 * value:.0f} %"
+    return f"{name} ±{math.degrees(value):.1f}°"
 
 
 def _teaches(item: Mapping) -> str:
     parts = []
     for name in item["target"]["coefficients"]:
-        one = item["expected"][name]
-        parts.append(f"{name} {number(one['sd_before'], 2)} to {number(one['sd_after'], 2)} (sd)")
-    risk = item["envelope"]["violation_probability"]
-    return f"{', '.join(parts)}; leaves the envelope with probability {number(risk, 2)}"
+        if name in item["expected"]:
+            one = item["expected"][name]
+            before, after = number(one["sd_before"], 2), number(one["sd_after"], 2)
+            parts.append(f"{name} {before} to {after} (sd)")
+    return ", ".join(parts)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _maneuvers(summary: Mapping) -> Table:
     return Table(
-        ("maneuver", "amplitude", "length, s", "sd before, after", "beyond the envelope", "file"),
+        (
+            "maneuver",
+            "amplitude",
+            "length, s",
+            "worth a minute",
+            "beyond the envelope",
+            "in sortie",
+        ),
         tuple(
             (
-                str(item["name"]).replace("_", " "),
-                ", ".join(f"{math.degrees(value):.1f}°" for value in item["amplitude"].values()),
+                _words(item["name"]),
+                _amplitudes(item),
                 f"{item['duration_s']:.1f}",
-                "; ".join(
-                    f"{name} {number(item['expected'][name]['sd_before'], 2)}, "
-                    f"{number(item['expected'][name]['sd_after'], 2)}"
-                    for name in item["target"]["coefficients"]
-                ),
-                number(item["envelope"]["violation_probability"], 2),
-                item["csv"],
+                number(60.0 * item["worth"], 2),
+                f"{number(item['envelope']['violation_probability'], 2)} "
+                f"({item['envelope']['left']} of {item['envelope']['flights']})",
+                f"{item['times_in_sortie']} ×" if item["times_in_sortie"] else "–",
             )
             for item in summary["maneuvers"]
         ),
     )
 
 
-def _best(listed: Sequence[Mapping]) -> list[Mapping]:
-    """The worthiest maneuver of each set of controls."""
-    first: dict[tuple[str, ...], Mapping] = {}
-    for item in listed:
-        first.setdefault(tuple(item["controls"]), item)
-    return list(first.values())
-
-
-def _derivatives(item: Mapping) -> Table:
-    rows = []
-    for name in item["target"]["coefficients"]:
-        for key, one in item["expected"][name]["derivatives"].items():
-            rows.append(
-                (
-                    labels.derivative(name, key),
-                    number(one["sd_before"], 3),
-                    number(one["sd_after"], 3),
-                )
+def _derivatives(name: str, terms: Mapping[str, Mapping[str, float]]) -> Table:
+    return Table(
+        (f"{name}", "value", "sd now", "sd after the sortie"),
+        tuple(
+            (
+                labels.derivative(name, key),
+                number(one["value"], 3),
+                number(one["sd_before"], 2),
+                number(one["sd_after"], 2),
             )
-    return Table((str(item["name"]).replace("_", " "), "sd before", "sd after"), tuple(rows))
+            for key, one in terms.items()
+        ),
+    )
+
+
+def _sortie_lead(summary: Mapping) -> str:
+    plan = summary["sortie"]
+    if not plan["steps"]:
+        return "no sortie: nothing is left that a maneuver would tell."
+    careful = " Small amplitudes first, since the model is poor." if summary["poor_model"] else ""
+    legs = plan["steps"][-1]["leg"]
+    return (
+        f"{len(plan['steps'])} runs on {legs} legs in {plan['minutes']:.1f} minutes, legs in turn "
+        f"out and back so that wind does not look like the aircraft.{careful}"
+    )
+
+
+def _sortie(steps: Sequence[Mapping]) -> Table:
+    return Table(
+        ("run", "amplitude", "leg", "begins", "airspeed, m/s", "height, m", "length, s"),
+        tuple(
+            (
+                f"{place}. {_words(step['maneuver'])}",
+                f"{100.0 * step['share']:.0f} %",
+                f"{step['leg']} {step['direction']}",
+                f"{int(step['begins_s'] // 60)}:{int(step['begins_s'] % 60):02d}",
+                f"{step['airspeed']:.0f}",
+                f"{step['height']:.0f}",
+                f"{step['duration_s']:.0f}",
+            )
+            for place, step in enumerate(steps, 1)
+        ),
+    )
+
+
+def _card(item: Mapping, figure: Figure, summary: Mapping) -> Card:
+    entry = item["entry"]
+    return Card(
+        name=item["name"],
+        title=f"{item['kind'].capitalize()}, {_words(item['name'])}",
+        how=f"{item['how'].capitalize()}. Amplitude {_amplitudes(item)}.",
+        entry=(
+            Pair("airspeed", f"{entry['airspeed']:.1f} m/s"),
+            Pair("height", f"{entry['height']:.0f} m above ground or more"),
+            Pair("attitude", "wings level, trimmed for 5 s, into the wind first, then with it"),
+            Pair("gusts", f"no more than {number(summary['gust']['value'], 2)} m/s"),
+            Pair("length", f"{item['duration_s']:.1f} s, and 3 s hands off"),
+        ),
+        expected=tuple(
+            Pair(labels.derivative(name, key), _before_after(one))
+            for name in item["target"]["coefficients"]
+            for key, one in item["expected"].get(name, {"derivatives": {}})["derivatives"].items()
+        ),
+        stop=_stop(item["abort"]),
+        recovery=f"Recovery: {item['recovery']}.",
+        figure=figure,
+    )
+
+
+def _before_after(one: Mapping[str, float]) -> str:
+    return f"{number(one['sd_before'], 2)} → {number(one['sd_after'], 2)}"
+
+
+def _stop(abort: Mapping[str, Sequence[float]]) -> tuple[Pair, ...]:
+    degrees = math.degrees(1.0)
+    units = {
+        "airspeed": ("airspeed", "m/s", 1.0),
+        "alpha": ("angle of attack", "°", degrees),
+        "beta": ("sideslip", "°", degrees),
+        "load_factor": ("load factor", "g", 1.0),
+        "bank": ("bank", "°", degrees),
+    }
+    found = [
+        Pair(label, f"outside {number(scale * low, 3)} to {number(scale * high, 3)} {unit}")
+        for name, (label, unit, scale) in units.items()
+        for low, high in [abort[name]]
+    ]
+    return (*found, Pair("height", f"below {abort['height_min'][0]:.0f} m"), Pair("link", "lost"))
+
+
+def _flown(flown: Mapping | None) -> Table | None:
+    if flown is None:
+        return None
+    return Table(
+        ("derivative", "sd before", "foretold", "achieved", "achieved / foretold", "moved, sd"),
+        tuple(
+            (
+                labels.derivative(row["coefficient"], row["regressor"]),
+                number(row["sd_before"], 2),
+                number(row["sd_predicted"], 2),
+                number(row["sd_achieved"], 2),
+                number(row["achieved_over_predicted"], 2),
+                number(row["moved_by_sd"], 2),
+            )
+            for row in flown["derivatives"]
+        ),
+    )

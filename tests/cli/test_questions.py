@@ -9,6 +9,7 @@ import pytest
 
 import gcs_sysid.offline
 from gcs_sysid.cli import entry, numerics, reports
+from gcs_sysid.offline.suggestion_target import Question
 
 DOCUMENT = {"program": "gcs-sysid 0.1.0"}
 
@@ -62,19 +63,16 @@ def test_diagnose(calls, capsys):
 
 
 def test_suggest(calls, capsys):
-    assert entry.main(["suggest", "--model", "model", "--target", "Cn", "--seed", "4"]) == 0
+    arguments = ["--target", "Cn", "--region", "beta=2:8", "--gust", "0.8", "--minutes", "4"]
+    arguments += ["--flown", "before", "--seed", "4"]
+    assert entry.main(["suggest", "--model", "model", *arguments]) == 0
     [(_, args, named)] = calls
-    assert args == (Path("model"),)
-    assert named == {
-        "confidence": 0.1, "target": "Cn", "seed": 4, "out": Path("model-suggest"),
-    }  # fmt: skip
+    question = Question(
+        target="Cn", region="beta=2:8", gust=0.8, minutes=4.0, flown=Path("before"), seed=4
+    )
+    assert args == (Path("model"), question)
+    assert named == {"out": Path("model-suggest")}
     assert capsys.readouterr().out == "suggest: model-suggest/maneuvers.parquet\n"
-
-
-def test_suggest_knows_moments_only(calls, capsys):
-    assert entry.main(["suggest", "--model", "model", "--target", "CZ"]) == 2
-    assert calls == []
-    assert "'Cl', 'Cm', 'Cn'" in capsys.readouterr().err
 
 
 def test_results_of_somebody_else_are_not_overwritten(calls, capsys, tmp_path):

@@ -79,9 +79,13 @@ def test_a_maneuver_shows_input_motion_and_limits() -> None:
             f"{name}_low": np.full(2 * count, 0.04),
             f"{name}_high": np.full(2 * count, 0.06),
         }
-    entry = {"name": "elevator_doublet", "controls": ["elevator"]}
-    figure = maneuver.maneuver(table, 1, entry, {"alpha": [-0.1, 0.2]})
-    assert figure.title == "elevator doublet"
+    entry = {
+        "name": "elevator_doublet",
+        "controls": ["elevator"],
+        "abort": {"alpha": [-0.1, 0.2]},
+    }
+    figure = maneuver.maneuver(table, 1, entry)
+    assert figure.name == "maneuver-elevator_doublet"
     inputs, _, alpha = figure.panels[:3]
     assert [series.name for series in inputs.series] == ["elevator"]
     np.testing.assert_allclose(inputs.series[0].y, np.degrees(0.1))

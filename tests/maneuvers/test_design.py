@@ -1,4 +1,4 @@
-"""Trim, linear motion, excursions and amplitudes of a made-up aircraft."""
+"""Level flight, drawn aircraft, recipes and safe amplitudes of a made-up aircraft."""
 
 from __future__ import annotations
 
@@ -7,73 +7,39 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import linalg
 
-from gcs_sysid.aircraft import Aircraft, CoefficientModel, Envelope, Value
 from gcs_sysid.errors import UsageError
-from gcs_sysid.estimate.result import AeroModel, CoefficientFit
-from gcs_sysid.maneuvers import design, flown, holding
-from gcs_sysid.maneuvers.design import Condition
-from gcs_sysid.maneuvers.envelope import excursion
-from gcs_sysid.maneuvers.flown import Flown, Simulator
+from gcs_sysid.maneuvers import axes, design, flown, holding, recipes, sizes, sortie
+from gcs_sysid.maneuvers import target as targets
+from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
+from gcs_sysid.maneuvers.flown import LANES, STEP, Simulator
 from gcs_sysid.model import rigid_body, trim
-from tests.offline.made_aircraft import small
-
-TERMS = {
-    "CX": {"1": -0.05, "alpha^2": 2.0},
-    "CY": {"beta": -0.9, "rudder": 0.2},
-    "CZ": {"1": -0.3, "alpha": -5.0, "qhat": -8.0},
-    "Cl": {"beta": -0.1, "phat": -0.5, "rhat": 0.2, "aileron": 0.17},
-    "Cm": {"1": 0.01, "alpha": -1.5, "qhat": -30.0, "elevator": -0.99},
-    "Cn": {"beta": 0.08, "phat": -0.05, "rhat": -0.1, "rudder": -0.07},
-}
-
-
-def aircraft() -> Aircraft:
-    models = {
-        name: CoefficientModel(
-            {key: Value(value, 0.05 * abs(value)) for key, value in terms.items()}
-        )
-        for name, terms in TERMS.items()
-    }
-    return replace(small(), aerodynamics=models)
-
-
-def model() -> AeroModel:
-    fits = {}
-    for name, terms in TERMS.items():
-        value = np.array(list(terms.values()))
-        zero = np.zeros(value.size)
-        fits[name] = CoefficientFit(
-            keys=tuple(terms),
-            value=value,
-            covariance=np.diag((0.05 * value) ** 2),
-            flight_value=value,
-            deviations={"scale": zero},
-            white_deviation=zero,
-            repeated_covariance=np.diag((0.05 * value) ** 2),
-            discrepancy=0.0,
-            calibration=1.0,
-            residual=0.01,
-            correlation=np.eye(value.size),
-            excitation=zero,
-            lowest=zero,
-            highest=zero,
-            samples=10000,
-            effective_samples=1000.0,
-        )
-    return AeroModel(fits, ("aileron", "elevator", "rudder"))
+from tests.maneuvers.made_model import aircraft, model
 
 
 @pytest.fixture(scope="module")
 def at() -> Condition:
-    made = aircraft()
+    made, generator = aircraft(), np.random.default_rng(0)
     level = trim.find(made, 22.0, 100.0, 1.2)
-    linear = holding.linearised(made, level)
-    drawn = flown.draws(made, model(), np.random.default_rng(0))
-    assert made.envelope is not None
-    return Condition(
-        made, model(), made.envelope, level, linear, Simulator(made, level, linear, drawn)
+    drawn = flown.draws(made, model(), generator, LANES * design.TRIALS)
+    return design.condition(
+        made, model(), Simulator(made), drawn, level, gust=0.5, generator=generator
     )
+
+
+@pytest.fixture(scope="module")
+def planned(at) -> dict[str, Maneuver | Refusal]:
+    wanted = {"elevator_multisine", "elevator_doublet", "aileron_rudder_multisine", "wind_up_turn"}
+    return {
+        recipe.name: design.sized(at, recipe)
+        for recipe in recipes.every(at.place())
+        if recipe.name in wanted
+    }
+
+
+def pulses(at: Condition, seconds: float) -> np.ndarray:
+    return np.zeros((round(seconds / STEP) + 1, len(at.aircraft.controls) + 1))
 
 
 def test_trim_is_level_and_still(at) -> None:
@@ -103,70 +69,167 @@ def test_the_short_period_is_that_of_the_two_state_approximation(at) -> None:
     damping = -30.0 * pressure * area * chord / 1.135 * chord / (2.0 * speed)
     expected = np.sqrt(lift * damping - stiffness)
     assert at.linear.natural_frequency(lateral=False) == pytest.approx(expected, rel=0.05)
+    assert at.linear.frequencies().pitch == pytest.approx(expected, rel=0.05)
 
 
-def test_the_controller_holds_the_trim_and_lets_inputs_through(at) -> None:
-    still = at.simulator.fly(np.zeros((400, 3)))
-    np.testing.assert_allclose(still.airspeed[0], 22.0, atol=0.02)
-    np.testing.assert_allclose(still.bank[0], 0.0, atol=1e-3)
-    added = np.zeros((400, 3))
-    added[:50, 1] = 0.02
-    pushed = at.simulator.fly(added)
-    # Trailing edge down by 0.02 rad for a second: alpha falls by about Cm_elevator/Cm_alpha of it.
-    assert pushed.alpha[0].min() - still.alpha[0, 0] == pytest.approx(-0.02 * 0.99 / 1.5, rel=0.5)
-    assert abs(pushed.controls[0, 25, 1] - at.trim.controls[1] - 0.02) < 0.01
+def test_the_roll_mode_is_the_damping_in_roll(at) -> None:
+    """1/τ ≈ −L_p = q̄ S b²/(2 V Ixx) · 0.5."""
+    span = at.aircraft.geometry.wing_span
+    expected = 0.5 * 0.5 * 1.2 * 22.0**2 * 0.55 * span / 0.824 * span / (2.0 * 22.0)
+    assert at.linear.frequencies().roll == pytest.approx(expected, rel=0.1)
 
 
-def test_the_probability_counts_the_aircraft_that_leave() -> None:
-    allowed = Envelope((10.0, 30.0), (-0.1, 0.2), (-0.2, 0.2), (-1.0, 3.0), 1.0, 50.0)
-    level = {
-        "airspeed": np.full((4, 5), 20.0),
-        "alpha": np.full((4, 5), 0.05),
-        "beta": np.zeros((4, 5)),
-        "rate": np.zeros((4, 5, 3)),
-        "bank": np.zeros((4, 5)),
-        "load_factor": np.ones((4, 5)),
-        "height": np.full((4, 5), 100.0),
-        "controls": np.zeros((4, 5, 3)),
-    }
-    assert excursion(Flown(**level), allowed).violation_probability == pytest.approx(1.0 / 6.0)
-    level["alpha"] = level["alpha"].copy()
-    level["alpha"][2, 3] = 0.19  # inside the limit, beyond its margin
-    found = excursion(Flown(**level), allowed)
-    assert found.violation_probability == pytest.approx(2.0 / 6.0)
-    assert found.ranges["alpha"] == (0.05, 0.05)
+def test_the_attitude_hold_has_the_bandwidth_that_servos_allow(at) -> None:
+    fast = holding.RATE / (holding.lag(at.aircraft) + holding.PERIOD)
+    effect = at.linear.inputs[3:6, :3] @ at.linear.gain
+    assert effect[0, 3] == pytest.approx(fast)
+    assert effect[1, 4] == pytest.approx(fast)
+    assert np.linalg.eigvals(at.linear.held).real.max() < 0.0
 
 
-@pytest.mark.parametrize("kind", design.KINDS)
-def test_an_input_teaches_and_stays_inside(at, kind) -> None:
-    found = design.suggest(at, ("elevator",), ("Cm",), kind)
-    assert found.excursion.violation_probability <= 0.02
-    low, high = at.allowed.alpha
-    assert low < found.excursion.ranges["alpha"][0] < found.excursion.ranges["alpha"][1] < high
-    assert found.gains["Cm"].after < 0.7 * found.gains["Cm"].before
-    assert found.worth > 0.0
-    assert np.ptp(found.flown.alpha[0]) > np.radians(1.0)
-    assert found.added.shape == (found.time.size, 1)
+def test_drawn_aircraft_fly_level_each_with_its_own_controls(at) -> None:
+    air = np.zeros((LANES, 300, 6))
+    still = at.fly(at.fleet, pulses(at, 4.0)[:200], air)
+    assert np.ptp(still.alpha, axis=1).max() < 1e-3
+    assert np.abs(still.airspeed - 22.0).max() < 0.05
+    assert np.asarray(at.fleet.controls)[:, 1].std() > 1e-4
 
 
-def test_a_narrower_envelope_makes_a_smaller_input(at) -> None:
-    wide = design.suggest(at, ("elevator",), ("Cm",), "multisine")
-    narrow = replace(at, allowed=replace(at.allowed, alpha=(-0.05, 0.12)))
-    found = design.suggest(narrow, ("elevator",), ("Cm",), "multisine")
-    assert np.abs(found.added).max() < np.abs(wide.added).max()
-    assert found.excursion.violation_probability <= 0.02
+def test_small_motions_are_those_of_the_linear_model(at) -> None:
+    """A second implementation: the matrix exponential of the linear model with ideal servos."""
+    added = pulses(at, 2.0)
+    added[10:35, 1] = 0.004
+    expected = sizes.motion(at.linear, added)
+    path = at.fly(at.fleet, added, np.zeros((LANES, 300, 6)))
+    turned = expected[:, 2] / 22.0
+    found = path.alpha[0] - path.alpha[0, 0]
+    # The servos lag by 0.06 s, which the linear model leaves out.
+    later = np.interp(np.arange(found.size) * STEP - 0.06, np.arange(found.size) * STEP, turned)
+    assert np.abs(found - later).max() < 0.12 * np.abs(turned).max()
+    block = linalg.expm(at.linear.held * STEP)
+    assert np.abs(np.linalg.eigvals(block)).max() < 1.0
 
 
-def test_an_envelope_without_room_is_refused(at) -> None:
-    none = replace(at, allowed=replace(at.allowed, load_factor=(0.99, 1.01)))
-    with pytest.raises(UsageError, match="leaves the envelope"):
-        design.suggest(none, ("elevator",), ("Cm",), "doublet")
+def test_a_servo_is_late_and_slow(at) -> None:
+    """δ(t) = u (1 − e^(−(t − delay)/τ))."""
+    added = pulses(at, 1.0)
+    added[:, 0] = 0.05
+    path = at.fly(at.fleet, added, np.zeros((LANES, 300, 6)))
+    step = path.controls[0, :, 0] - path.controls[0, 0, 0]
+    time = STEP * np.arange(step.size)
+    first = 0.05 * (1.0 - np.exp(-(time - 0.02) / 0.04))
+    np.testing.assert_allclose(step[1:4], np.maximum(first[1:4], 0.0), rtol=0.1, atol=1e-9)
+
+
+def test_gusts_are_felt_as_wind_and_rotation(at) -> None:
+    air = np.zeros((LANES, 300, 6))
+    air[:, :, 2] = -1.0
+    path = at.fly(at.fleet, pulses(at, 0.1), air)
+    calm = at.fly(at.fleet, pulses(at, 0.1), 0.0 * air)
+    # Rising air: 1 m/s at 22 m/s is 2.6 degrees of angle of attack, and more lift at once.
+    assert path.alpha[0, 0] - calm.alpha[0, 0] == pytest.approx(1.0 / 22.0, rel=0.02)
+    assert path.load_factor[0, 0] > calm.load_factor[0, 0] + 0.3
+    air[:, :, 2], air[:, :, 3] = 0.0, 0.2
+    assert at.fly(at.fleet, pulses(at, 0.1), air).rate[0, 0, 0] == pytest.approx(-0.2)
+
+
+def test_every_maneuver_of_the_list_is_made_and_begins_and_ends_at_zero(at) -> None:
+    made = list(recipes.every(at.place()))
+    assert {recipe.kind for recipe in made} == set(recipes.KINDS)
+    assert len({recipe.name for recipe in made}) == len(made)
+    for recipe in made:
+        np.testing.assert_allclose(recipe.added[0], 0.0, atol=1e-9, err_msg=recipe.name)
+        limit = 0.12 * np.abs(recipe.added).max()
+        assert np.abs(recipe.added[-1]).max() <= limit, recipe.name
+        assert recipe.added.shape[0] == round(recipe.duration / STEP) + 1
+        assert recipe.duration + design.AFTER <= design.LONGEST
+
+
+def test_inputs_that_are_flown_together_share_no_line(at) -> None:
+    recipe = next(
+        item for item in recipes.every(at.place()) if item.name == "all_and_throttle_multisine"
+    )
+    used = recipe.added[:-1, np.abs(recipe.added).max(axis=0) > 0.0]
+    assert used.shape[1] == 4
+    np.testing.assert_allclose(np.corrcoef(used.T), np.eye(4), atol=1e-6)
+
+
+def test_a_share_is_as_large_as_is_safe(at, planned) -> None:
+    for name, item in planned.items():
+        assert isinstance(item, Maneuver), name
+        assert item.share > design.LEAST
+        low, high = at.allowed.alpha
+        assert low < item.flown.alpha.min() < item.flown.alpha.max() < high
+    # Where it is not full size, a larger share would leave.
+    item = planned["aileron_rudder_multisine"]
+    if item.share < 1.0:
+        rows = item.flown.alpha.shape[1]
+        full = np.zeros((rows, 4))
+        full[: item.added.shape[0]] = 1.3 * item.added
+        assert design._lost(at.fly(at.fleet, full, at.air), at).any()
+
+
+def test_a_proof_takes_five_hundred_flights(at, planned) -> None:
+    found = design.proved(at, planned["elevator_doublet"], np.random.default_rng(1))
+    assert isinstance(found, Maneuver)
+    assert found.excursion.flights == LANES * design.TRIALS
+    assert found.excursion.violation_probability <= 0.01
+    assert found.share <= planned["elevator_doublet"].share
+
+
+def test_what_cannot_be_safe_is_refused_with_the_limit(at) -> None:
+    tight = replace(at, allowed=replace(at.allowed, load_factor=(0.9, 1.1)))
+    assert design.unsafe_level_flight(tight) == "load_factor"
+    assert design.unsafe_level_flight(at) is None
+    none = replace(at, allowed=replace(at.allowed, airspeed=(21.0, 60.0)))
+    one = design.sized(none, next(iter(recipes.every(at.place()))))
+    assert isinstance(one, Refusal)
+    assert "airspeed" in one.reason
+
+
+def test_an_input_teaches_what_it_moves(at, planned) -> None:
+    before = {name: fit.covariance for name, fit in model().fits.items()}
+    pitch = planned["elevator_multisine"].gains(model(), before)
+    assert pitch["Cm"].after < 0.7 * pitch["Cm"].before
+    turns = planned["aileron_rudder_multisine"].gains(model(), before)
+    roll = turns["Cl"].derivatives["phat"]
+    assert roll[1] < 0.9 * roll[0]
+    beta = pitch["Cn"].derivatives["beta"]
+    assert beta[1] > 0.98 * beta[0]
+
+
+def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
+    before = {name: fit.covariance for name, fit in model().fits.items()}
+    known = targets.derivatives(model(), ("Cl", "Cm", "Cn"))
+    items = list(planned.values())
+    ranked = sortie.ranked(known, model(), before, items)
+    plan = sortie.planned(known, model(), items, before=before, budget=300.0)
+    assert plan.steps[0].maneuver is ranked[0][1]
+    assert plan.duration <= 300.0
+    worth = [step.worth / sortie.cost(step.maneuver) for step in plan.steps]
+    assert worth == sorted(worth, reverse=True)
+    assert [step.leg for step in plan.steps[:4]] == [1, 1, 2, 2]
+    assert {step.direction for step in plan.steps} == {"out", "back"}
+    for name, later in plan.after.items():
+        assert np.all(np.diagonal(later) <= np.diagonal(before[name]) * (1.0 + 1e-9))
+    sure = {name: 1e-12 * value for name, value in before.items()}
+    assert sortie.planned(known, model(), items, before=sure, budget=300.0).steps == ()
+
+
+def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
+    loose = model(relative=0.3)
+    assert sortie.poor(loose)
+    assert not sortie.poor(model())
+    before = {name: fit.covariance for name, fit in loose.fits.items()}
+    known = targets.derivatives(loose, ("Cm",))
+    items = [planned["elevator_multisine"]]
+    plan = sortie.planned(known, loose, items, before=before, budget=300.0)
+    assert [step.share for step in plan.steps][:3] == [0.25, 0.5, 1.0]
 
 
 def test_controls_are_those_that_do_most() -> None:
     made = aircraft()
-    assert design.strongest_control(made, model(), "Cm") == "elevator"
-    found = design.groups(made, model(), ("Cl", "Cm", "Cn"))
-    assert found == {("elevator",): ("Cm",), ("aileron", "rudder"): ("Cl", "Cn")}
-    assert design.groups(made, model(), ("Cn",)) == {("aileron", "rudder"): ("Cn",)}
-    assert design.travel(made, "elevator") == pytest.approx(0.5)
+    assert axes.strongest(made, model(), "Cm") == "elevator"
+    assert axes.found(made, model()) == axes.Axes("elevator", "aileron", "rudder")
+    assert axes.found(made, model()).every == ("elevator", "aileron", "rudder")
+    assert axes.travel(made, "elevator") == pytest.approx(0.5)

@@ -7,6 +7,7 @@ import pytest
 
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
+from gcs_sysid.maneuvers.information import Gain
 
 KEYS = ("alpha", "qhat")
 VALUE = np.array([-2.0, -20.0])
@@ -42,10 +43,15 @@ VALUES = {
 COVARIANCE = np.array([[0.04, 0.01], [0.01, 9.0]])
 
 
+def gain(model: AeroModel, values: dict[str, np.ndarray], step: float) -> Gain:
+    fit = model.fits["Cm"]
+    return information.gain(fit, information.rows(model, "Cm", values, step), fit.covariance)
+
+
 def test_a_maneuver_adds_its_information() -> None:
     """(Σ⁻¹ + XᵀX/v)⁻¹ with v the residual's variance over the share of independent rows."""
     model = AeroModel({"Cm": fitted(COVARIANCE, np.zeros(2))}, ())
-    found = information.gain(model, "Cm", VALUES, information.SAMPLE)
+    found = gain(model, VALUES, information.SAMPLE)
     columns = np.stack([VALUES["alpha"], VALUES["qhat"]], axis=1)
     after = np.linalg.inv(np.linalg.inv(COVARIANCE) + columns.T @ columns / (0.01**2 * 10.0))
     for index, key in enumerate(KEYS):
@@ -62,8 +68,8 @@ def test_a_maneuver_adds_its_information() -> None:
 def test_twice_as_many_samples_of_half_the_step_are_worth_the_same() -> None:
     model = AeroModel({"Cm": fitted(COVARIANCE, np.zeros(2))}, ())
     doubled = {name: np.repeat(value, 2) for name, value in VALUES.items()}
-    once = information.gain(model, "Cm", VALUES, information.SAMPLE)
-    twice = information.gain(model, "Cm", doubled, 0.5 * information.SAMPLE)
+    once = gain(model, VALUES, information.SAMPLE)
+    twice = gain(model, doubled, 0.5 * information.SAMPLE)
     assert once.after == pytest.approx(twice.after)
 
 
@@ -72,19 +78,19 @@ def test_errors_of_inertia_stay_however_much_is_flown() -> None:
     covariance = COVARIANCE + np.outer(0.05 * VALUE, 0.05 * VALUE)
     model = AeroModel({"Cm": fitted(covariance, scale)}, ())
     much = {name: np.tile(value, 10000) for name, value in VALUES.items()}
-    found = information.gain(model, "Cm", much, information.SAMPLE)
+    found = gain(model, much, information.SAMPLE)
     for index, key in enumerate(KEYS):
         assert found.derivatives[key][1] == pytest.approx(scale[index], rel=1e-2)
 
 
 def test_a_prior_that_knows_the_inertia_better_is_not_forgotten() -> None:
     model = AeroModel({"Cm": fitted(COVARIANCE, 10.0 * np.abs(VALUE))}, ())
-    found = information.gain(model, "Cm", VALUES, information.SAMPLE)
+    found = gain(model, VALUES, information.SAMPLE)
     assert found.after <= found.before
     assert all(after <= before * (1.0 + 1e-9) for before, after in found.derivatives.values())
 
 
 def test_without_information_nothing_changes() -> None:
     model = AeroModel({"Cm": replace(fitted(COVARIANCE, np.zeros(2)), residual=1e6)}, ())
-    found = information.gain(model, "Cm", VALUES, information.SAMPLE)
+    found = gain(model, VALUES, information.SAMPLE)
     assert found.after == pytest.approx(found.before)

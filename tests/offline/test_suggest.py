@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,12 @@ import numpy as np
 import pytest
 
 from gcs_sysid.cli import reports
-from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.offline import model_store, suggest
+from gcs_sysid.errors import InputError, RefusedError, UsageError
+from gcs_sysid.offline import model_store, suggest, suggestion_flown
 from gcs_sysid.offline.model_store import StoredModel
-from tests.maneuvers.test_design import aircraft, model
+from gcs_sysid.offline.suggestion_target import Question, chosen
+from gcs_sysid.report.suggest import findings
+from tests.maneuvers.made_model import aircraft, model
 
 
 def saved(folder: Path, **changes: object) -> Path:
@@ -23,36 +26,39 @@ def saved(folder: Path, **changes: object) -> Path:
     return folder
 
 
-def run(folder: Path, out: Path, *, target: str | None = None, confidence: float = 0.01) -> dict:
-    return suggest.run(
-        folder,
-        confidence=confidence,
-        target=target,
-        seed=0,
-        out=out,
-        progress=lambda _text, _share: None,
-    )
+def run(folder: Path, out: Path, **asked: object) -> dict:
+    question = Question(**{"confidence": 0.01, "gust": 0.3, "minutes": 3.0, **asked})
+    return suggest.run(folder, question, out=out, progress=lambda _text, _share: None)
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory) -> tuple[dict, Path]:
+def planned(tmp_path_factory) -> Iterator[tuple[dict, Path]]:
+    """Plans for Cm at one airspeed: others would be the same again."""
     folder = tmp_path_factory.mktemp("suggest")
-    return run(saved(folder), folder / "out", target="Cm"), folder / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(suggest, "SPEEDS", (0.45,))
+        patch.setattr(suggest, "LISTED", 4)
+        yield run(saved(folder), folder / "out", target="Cm"), folder / "out"
 
 
 def test_maneuvers_have_the_keys_of_the_interface(planned) -> None:
     document, out = planned
     listed = json.loads((out / "maneuvers.json").read_text())
     assert listed == document["maneuvers"]
-    assert {item["kind"] for item in listed} == {"multisine", "multistep", "doublet"}
+    assert len(listed) >= 4
     for item in listed:
         assert item["target"]["coefficients"] == ["Cm"]
-        assert item["controls"] == ["elevator"]
+        assert set(item["target"]["region"]) == {"airspeed", "alpha", "beta"}
         expected = item["expected"]["Cm"]
         assert 0.0 < expected["sd_after"] < expected["sd_before"]
         low, high = item["envelope"]["alpha"]
         assert -0.1 < low < high < 0.2
-        assert 0.0 < item["envelope"]["violation_probability"] <= 0.02
+        assert item["envelope"]["flights"] == 512
+        assert 0.0 < item["envelope"]["violation_probability"] <= 0.01
+        low, high = item["abort"]["alpha"]
+        assert -0.1 <= low < high <= 0.2
+        assert item["entry"]["airspeed"] == pytest.approx(13.0 + 0.45 * 22.0)
+        assert item["recovery"]
     worth = [item["worth"] for item in listed]
     assert worth == sorted(worth, reverse=True)
 
@@ -62,31 +68,70 @@ def test_the_csv_is_the_input_in_degrees(planned) -> None:
     for item in document["maneuvers"]:
         with (out / item["csv"]).open(newline="") as file:
             rows = list(csv.DictReader(file))
-        assert list(rows[0]) == ["t", "elevator"]
+        assert list(rows[0]) == ["t", *item["controls"]]
         time = np.array([float(row["t"]) for row in rows])
-        value = np.array([float(row["elevator"]) for row in rows])
         np.testing.assert_allclose(np.diff(time), 0.02, atol=1e-9)
         assert time[-1] == pytest.approx(item["duration_s"], abs=0.02)
-        assert np.abs(value).max() == pytest.approx(
-            np.degrees(item["amplitude"]["elevator"]), abs=1e-3
-        )
+        for name in item["controls"]:
+            value = np.array([float(row[name]) for row in rows])
+            factor = 1.0 if name == "throttle" else np.degrees(1.0)
+            most = factor * item["amplitude"][name]
+            assert np.abs(value).max() == pytest.approx(most, abs=1e-3)
 
 
-def test_the_report_shows_every_maneuver(planned) -> None:
+def test_the_sortie_is_made_of_listed_maneuvers_in_time(planned) -> None:
+    document, _ = planned
+    plan = document["sortie"]
+    names = {item["name"] for item in document["maneuvers"]}
+    assert plan["steps"]
+    assert {step["maneuver"] for step in plan["steps"]} <= names
+    begins = [step["begins_s"] for step in plan["steps"]]
+    assert begins == sorted(begins)
+    assert plan["minutes"] <= 3.0
+    for terms in plan["derivatives"].values():
+        assert all(one["sd_after"] <= one["sd_before"] * (1 + 1e-9) for one in terms.values())
+
+
+def test_the_report_has_a_card_for_every_maneuver(planned) -> None:
     document, out = planned
     text = reports.sheet("suggest", document, out / "maneuvers.parquet")
     assert "elevator" in text
     assert len(text.splitlines()) <= 10
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert all(item["name"].replace("_", " ") in page for item in document["maneuvers"])
+    for item in document["maneuvers"]:
+        assert f'id="card-{item["name"]}"' in page
+    assert "How well Cm is known" in page
+    assert "Recovery: release the switch" in page
 
 
-def test_a_model_that_is_sure_enough_needs_nothing(tmp_path) -> None:
-    document = run(saved(tmp_path), tmp_path / "out", confidence=10.0)
-    assert document["maneuvers"] == []
-    assert json.loads((tmp_path / "out" / "maneuvers.json").read_text()) == []
-    text = reports.sheet("suggest", document, tmp_path / "out" / "maneuvers.parquet")
-    assert "Nothing to fly" in text
+def test_what_was_promised_is_held_against_what_was_achieved(planned, tmp_path) -> None:
+    """A model twice as sure as promised: ratios of a half."""
+    document, out = planned
+    promised = document["sortie"]["derivatives"]
+    better = model()
+    fits = {
+        name: replace(
+            fit,
+            covariance=np.diag([(0.5 * promised[name][key]["sd_after"]) ** 2 for key in fit.keys]),
+        )
+        for name, fit in better.fits.items()
+    }
+    found = suggestion_flown.compared(out, replace(better, fits=fits))
+    assert found["achieved_over_predicted"] == pytest.approx(0.5)
+    assert all(row["moved_by_sd"] == 0.0 for row in found["derivatives"])
+    with pytest.raises(InputError, match="holds no planned sortie"):
+        suggestion_flown.compared(tmp_path, better)
+
+
+def test_a_model_that_is_sure_enough_needs_nothing(planned) -> None:
+    unsure = {"Cm": {"sd": 0.02, "spread": 1.0}}
+    assert suggest._wanted(Question(confidence=0.01), unsure)
+    assert not suggest._wanted(Question(confidence=0.1), unsure)
+    assert suggest._wanted(Question(confidence=0.1, target="Cm"), unsure)
+    assert suggest._wanted(Question(confidence=0.1, region="alpha=1:2"), unsure)
+    document, _ = planned
+    found = findings({**document, "maneuvers": []})
+    assert [item.topic for item in found] == ["Nothing to fly"]
 
 
 def test_without_an_envelope_nothing_is_suggested(tmp_path) -> None:
@@ -94,7 +139,24 @@ def test_without_an_envelope_nothing_is_suggested(tmp_path) -> None:
         run(saved(tmp_path, envelope=None), tmp_path / "out")
 
 
-def test_a_coefficient_that_the_model_lacks_is_named(tmp_path) -> None:
+def test_what_can_be_asked_for() -> None:
+    level = {"alpha": 0.05, "qhat": 0.0, "elevator": 0.0, "V": 20.0}
+    assert chosen(model(), None, None, level).coefficients == ("Cl", "Cm", "Cn")
+    assert chosen(model(), "CZ", None, level).coefficients == ("CZ",)
+    [form] = chosen(model(), "Cm.qhat", None, level).questions["Cm"]
+    assert form.argmax() == 2 * 4 + 2
+    region = chosen(model(), "Cm", "alpha=6:8", level).region
+    np.testing.assert_allclose(region["alpha"], np.radians([6.0, 8.0]))
+    with pytest.raises(UsageError, match="CX, CY, CZ, Cl, Cm, Cn; name"):
+        chosen(model(), "CD", None, level)
+    with pytest.raises(UsageError, match="no pair of limits"):
+        chosen(model(), "Cm", "alpha=6", level)
+
+
+def test_gusts_are_those_of_the_flight(tmp_path) -> None:
     folder = saved(tmp_path)
-    with pytest.raises(UsageError, match="Cl, Cm, Cn; name one of them"):
-        run(folder, tmp_path / "out", target="CZ")
+    assert suggest._gust(folder / "model", None)["source"] == "assumed"
+    told = {"reconstruction": {"gust_sd": {"value": 0.7}}}
+    (folder / "summary.json").write_text(json.dumps(told))
+    assert suggest._gust(folder / "model", None)["value"] == 0.7
+    assert suggest._gust(folder, 1.5) == {"value": 1.5, "source": "asked for"}

@@ -24,8 +24,32 @@ WRITES = ("maneuvers.json", "suggest.json", "maneuvers.parquet", "report.html")
 @click.option(
     "--target",
     metavar="COEFFICIENT",
-    type=click.Choice(["Cl", "Cm", "Cn"]),
-    help="Plan for this coefficient alone, sure or not.",
+    help="Plan for this coefficient alone, or for one derivative (Cm.qhat), sure or not.",
+)
+@click.option(
+    "--region",
+    metavar="LIMITS",
+    help="Plan for this part of the envelope: alpha=6:12,V=13:16 (deg, m/s).",
+)
+@click.option(
+    "--minutes",
+    metavar="N",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=6.0,
+    show_default=True,
+    help="Flight time of the sortie, turns included.",
+)
+@click.option(
+    "--gust",
+    metavar="M_PER_S",
+    type=click.FloatRange(min=0.0),
+    help="Gusts to reckon with; those of the model's flight unless given.",
+)
+@click.option(
+    "--flown",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Suggestion flown since; the model is from its flight too: promised against achieved.",
 )
 @options.out("suggest")
 @click.option(
@@ -34,38 +58,45 @@ WRITES = ("maneuvers.json", "suggest.json", "maneuvers.parquet", "report.html")
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Seed of the aircraft drawn from the model to see how far a maneuver may go.",
+    help="Seed of the aircraft and gusts drawn to see how far a maneuver may go.",
 )
 @options.as_json
 def command(
     model: Path,
     confidence: float,
     target: str | None,
+    region: str | None,
+    minutes: float,
+    gust: float | None,
+    flown: Path | None,
     out: Path | None,
     seed: int,
     as_json: bool,
 ) -> None:
     """Plan maneuvers for what a model is least sure of.
 
-    Multisines, 3-2-1-1s and doublets as large as the aircraft file's envelope allows, with the
-    deviation expected after flying each; a CSV each, to be added to trim and to what the autopilot
-    commands.
+    Inputs of many kinds at three airspeeds, as large as the aircraft file's envelope allows with
+    99 % probability, in the order of what they teach for their flight time; a sortie, test cards,
+    and a CSV each, to be added to trim and to what the autopilot commands.
     """
     from gcs_sysid.offline import suggest
+    from gcs_sysid.offline.suggestion_target import Question
 
     numerics.enable()
+    question = Question(
+        confidence=confidence,
+        target=target,
+        region=region,
+        minutes=minutes,
+        gust=gust,
+        flown=flown,
+        seed=seed,
+    )
     with (
         output.folder(out, model, "suggest", WRITES) as destination,
         output.progress(f"suggest {model.name}") as progress,
     ):
-        summary = suggest.run(
-            model,
-            confidence=confidence,
-            target=target,
-            seed=seed,
-            out=destination,
-            progress=progress,
-        )
+        summary = suggest.run(model, question, out=destination, progress=progress)
         progress("report", 1.0)
         text = reports.sheet("suggest", summary, destination / "maneuvers.parquet")
     output.show(summary, text, as_json=as_json)

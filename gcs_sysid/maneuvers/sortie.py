@@ -1,0 +1,169 @@
+"""Which maneuvers, how often and in which order: the most knowledge for the time in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from gcs_sysid import regressors
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.maneuvers import information
+from gcs_sysid.maneuvers.design import AFTER, Maneuver
+from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.target import Target
+
+SETTLE = 5.0
+"""Straight and level before each maneuver [s]."""
+TURN = 20.0
+"""To turn round and settle after two maneuvers on a leg [s]."""
+ON_A_LEG = 2
+"""Maneuvers on one leg before turning round: the next two are flown in the other direction, so
+that a steady wind does not look like the aircraft."""
+CAREFUL = (0.25, 0.5)
+"""Shares of the amplitude at which a maneuver is tried first where the model is poor."""
+POOR = 0.15
+"""A model is poor where a derivative that matters is known worse than to this part of itself."""
+LEAST_WORTH = 0.01
+"""A sortie ends where the next maneuver would make no deviation smaller by this part: what is left
+are errors of mass and inertia, which no maneuver takes away."""
+MATTERS = 0.1
+"""Share of a coefficient's variation from which on a derivative matters."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One run of a sortie.
+
+    Attributes:
+        maneuver: which.
+        share: of its amplitude.
+        leg: number of the leg, from one.
+        direction: of it.
+        begins: after the start of the sortie [s].
+        worth: what it adds for the target, those before it flown.
+    """
+
+    maneuver: Maneuver
+    share: float
+    leg: int
+    direction: Literal["out", "back"]
+    begins: float
+    worth: float
+
+
+@dataclass(frozen=True)
+class Sortie:
+    """What to fly in one flight.
+
+    Attributes:
+        steps: in order.
+        duration: of the whole, turns included [s].
+        before: covariance of every coefficient's terms.
+        after: the same once it is flown.
+    """
+
+    steps: tuple[Step, ...]
+    duration: float
+    before: Covariances
+    after: Covariances
+
+
+def cost(maneuver: Maneuver) -> float:
+    """Flight time that a maneuver takes, its share of the turns included [s]."""
+    return SETTLE + maneuver.recipe.duration + AFTER + TURN / ON_A_LEG
+
+
+def poor(model: AeroModel) -> bool:
+    """Whether the first steps must be careful ones."""
+    return any(
+        fit.deviation[index] > POOR * abs(fit.value[index])
+        for name, fit in model.fits.items()
+        if name in ("Cl", "Cm", "Cn")
+        for index, key in enumerate(fit.keys)
+        if key != regressors.CONSTANT and fit.excitation[index] > MATTERS
+    )
+
+
+def robust_worth(
+    target: Target, model: AeroModel, before: Covariances, maneuver: Maneuver
+) -> float:
+    """Worth of a maneuver, the mean over aircraft drawn from the posterior."""
+    count = next(iter(maneuver.each.values())).shape[0]
+    return float(
+        np.mean(
+            [
+                target.worth(
+                    model, before, {name: item[draw] for name, item in maneuver.each.items()}
+                )
+                for draw in range(count)
+            ]
+        )
+    )
+
+
+def ranked(
+    target: Target, model: AeroModel, before: Covariances, maneuvers: Sequence[Maneuver]
+) -> list[tuple[float, Maneuver]]:
+    """Maneuvers by worth for their flight time, best first, with that worth [1/s]."""
+    scored = [(robust_worth(target, model, before, item) / cost(item), item) for item in maneuvers]
+    return sorted(scored, key=lambda pair: -pair[0])
+
+
+def planned(
+    target: Target,
+    model: AeroModel,
+    maneuvers: Sequence[Maneuver],
+    *,
+    before: Covariances,
+    budget: float,
+) -> Sortie:
+    """One maneuver after the other, each the one that is worth most for its time then.
+
+    A sum of logarithms of variances gains less and less from the same information, so that this
+    order is near the best set of maneuvers for the time (Nemhauser, Wolsey & Fisher 1978).
+
+    Args:
+        target: what is to be known better.
+        model: identified so far.
+        maneuvers: to choose from.
+        before: covariance of every coefficient's terms.
+        budget: flight time [s].
+    """
+    known, steps, used = dict(before), [], 0.0
+    careful = CAREFUL if poor(model) else ()
+    while maneuvers:
+        left = [item for item in maneuvers if used + _cost(item, steps, careful) <= budget]
+        if not left:
+            break
+        rate, best = ranked(target, model, known, left)[0]
+        if rate * cost(best) < LEAST_WORTH:
+            break
+        first = not any(step.maneuver is best for step in steps)
+        for share in (*(careful if first else ()), 1.0):
+            worth = robust_worth(target, model, known, _smaller(best, share))
+            steps.append(_step(best, share, len(steps), used, worth))
+            used += cost(best)
+            for name, added in best.information().items():
+                fit = model.fits[name]
+                known[name] = information.after(known[name], fit, share**2 * added)
+    return Sortie(tuple(steps), used, dict(before), known)
+
+
+def _cost(item: Maneuver, steps: Sequence[Step], careful: tuple[float, ...]) -> float:
+    tried = any(step.maneuver is item for step in steps)
+    return cost(item) * (1 if tried else 1 + len(careful))
+
+
+def _smaller(item: Maneuver, share: float) -> Maneuver:
+    """What it teaches at a share of its amplitude: information goes with the square."""
+    if share == 1.0:
+        return item
+    return replace(item, each={name: share**2 * value for name, value in item.each.items()})
+
+
+def _step(item: Maneuver, share: float, count: int, used: float, worth: float) -> Step:
+    leg = count // ON_A_LEG
+    return Step(item, share, leg + 1, "out" if leg % 2 == 0 else "back", used, worth)

@@ -1,0 +1,121 @@
+"""What is to be known better, and what a maneuver is worth for it.
+
+A question is a quadratic form E over the terms of one coefficient: the variance asked about is
+tr(E Σ). One derivative is E = e eᵀ; a coefficient over a region of the envelope is the mean of x xᵀ
+over regressors x of the region. Worth is Σ ½ log(tr(E Σ)/tr(E Σ′)): halving a standard deviation is
+worth log 2, whichever it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import regressors
+from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate import basis
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.maneuvers import information
+from gcs_sysid.maneuvers.information import Covariances
+
+POINTS = 400
+"""Points drawn in a region."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """Questions about an aircraft's coefficients.
+
+    Attributes:
+        questions: quadratic forms by coefficient.
+        words: what is asked, for people.
+        region: limits of the variables of a region [SI, rad]; empty without one.
+    """
+
+    questions: Mapping[str, tuple[Float[np.ndarray, "term term"], ...]]
+    words: str
+    region: Mapping[str, tuple[float, float]]
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Coefficients that are asked about."""
+        return tuple(self.questions)
+
+    def worth(self, model: AeroModel, before: Covariances, added: Covariances) -> float:
+        """What information on the terms is worth, see the module.
+
+        Args:
+            model: whose fits the questions are about.
+            before: covariance of every coefficient's terms.
+            added: information by coefficient, XᵀX/v.
+        """
+        total = 0.0
+        for name, forms in self.questions.items():
+            later = information.after(before[name], model.fits[name], added[name])
+            for form in forms:
+                one, other = np.sum(form * before[name]), np.sum(form * later)
+                total += 0.5 * float(np.log(one / max(other, 1e-300)))
+        return total
+
+
+def derivatives(model: AeroModel, coefficients: tuple[str, ...]) -> Target:
+    """All derivatives of some coefficients, each as good as the other; constants left out."""
+    questions = {}
+    for name in coefficients:
+        keys = model.fits[name].keys
+        unit = np.eye(len(keys))
+        questions[name] = tuple(
+            np.outer(unit[index], unit[index])
+            for index, key in enumerate(keys)
+            if key != regressors.CONSTANT or len(keys) == 1
+        )
+    return Target(questions, ", ".join(coefficients), {})
+
+
+def derivative(model: AeroModel, coefficient: str, key: str) -> Target:
+    """One derivative.
+
+    Raises:
+        UsageError: the model's coefficient has no such term.
+    """
+    keys = model.fits[coefficient].keys
+    if key not in keys:
+        raise UsageError(
+            f"{coefficient} of the model has no term `{key}`; it has {', '.join(keys)}"
+        )
+    unit = np.eye(len(keys))[keys.index(key)]
+    return Target({coefficient: (np.outer(unit, unit),)}, f"{coefficient}.{key}", {})
+
+
+def region(
+    model: AeroModel,
+    coefficients: tuple[str, ...],
+    limits: Mapping[str, tuple[float, float]],
+    level: Mapping[str, float],
+) -> Target:
+    """Coefficients over a region of the envelope.
+
+    Args:
+        model: identified so far.
+        coefficients: asked about.
+        limits: of each variable in the region [SI, rad].
+        level: every variable in level flight; those without limits stay there.
+
+    Raises:
+        UsageError: a variable that the model does not have.
+    """
+    unknown = [name for name in limits if name not in level]
+    if unknown:
+        raise UsageError(f"--region: no variable `{unknown[0]}`; there are {', '.join(level)}")
+    generator = np.random.default_rng(0)
+    values = {name: np.full(POINTS, value) for name, value in level.items()}
+    for name, (low, high) in limits.items():
+        values[name] = generator.uniform(low, high, POINTS)
+    questions = {}
+    for name in coefficients:
+        rows = basis.columns(model.fits[name].keys, model.controls, values)
+        questions[name] = (rows.T @ rows / POINTS,)
+    return Target(questions, f"{', '.join(coefficients)} over a region", dict(limits))

@@ -1,0 +1,93 @@
+"""What the command line asks to know better, as a target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import MOMENTS
+from gcs_sysid.errors import RegressorError, UsageError
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.maneuvers import target as targets
+from gcs_sysid.maneuvers.target import Target
+
+IN_DEGREES = ("alpha", "beta")
+"""Variables whose limits people write in degrees; controls too."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of `suggest`.
+
+    Attributes:
+        confidence: a coefficient is unsure where its deviation exceeds this part of its variation.
+        target: coefficient or derivative to plan for, sure or not; None takes all moments that are
+            unsure.
+        region: limits of the envelope's part to plan for, see `chosen`.
+        minutes: flight time of the sortie.
+        gust: horizontal intensity to reckon with [m/s]; None takes that of the model's flight.
+        flown: folder of the suggestion that has been flown since, if any.
+        seed: of the aircraft and gusts drawn.
+    """
+
+    confidence: float = 0.1
+    target: str | None = None
+    region: str | None = None
+    minutes: float = 6.0
+    gust: float | None = None
+    flown: Path | None = None
+    seed: int = 0
+
+
+def chosen(
+    model: AeroModel, asked: str | None, region: str | None, level: Mapping[str, float]
+) -> Target:
+    """The target that `--target` and `--region` name.
+
+    Args:
+        model: identified so far.
+        asked: a coefficient, or one of its derivatives as `Cm.qhat`; None takes the moments.
+        region: limits as `alpha=6:12,V=13:16` (deg, m/s), or None.
+        level: every variable in level flight.
+
+    Raises:
+        UsageError: the model has no such coefficient, derivative or variable.
+    """
+    name, _, key = (asked or "").partition(".")
+    known = tuple(model.fits)
+    if asked is not None and name not in known:
+        raise UsageError(
+            f"--target {asked}: the model has the coefficients {', '.join(known) or 'none'}; name "
+            "one of them, or one of its derivatives as in Cm.qhat"
+        )
+    coefficients = (name,) if asked else tuple(item for item in MOMENTS if item in known)
+    if not coefficients:
+        raise UsageError(f"the model has no moment coefficients; name one of {', '.join(known)}")
+    if region is not None:
+        return targets.region(model, coefficients, _limits(region, model), level)
+    if key:
+        try:
+            parsed = regressors.parse(key, controls=model.controls).key
+        except RegressorError as error:
+            raise UsageError(f"--target {asked}: {error}") from error
+        return targets.derivative(model, name, parsed)
+    return targets.derivatives(model, coefficients)
+
+
+def _limits(text: str, model: AeroModel) -> dict[str, tuple[float, float]]:
+    found = {}
+    for part in text.split(","):
+        name, _, pair = part.strip().partition("=")
+        low, _, high = pair.partition(":")
+        try:
+            limits = (float(low), float(high))
+        except ValueError as error:
+            raise UsageError(
+                f"--region {text}: `{part}` is no pair of limits; write it as alpha=6:12"
+            ) from error
+        scale = math.radians(1.0) if name in (*IN_DEGREES, *model.controls) else 1.0
+        found[name] = (scale * min(limits), scale * max(limits))
+    return found

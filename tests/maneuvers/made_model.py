@@ -1,0 +1,58 @@
+"""A made-up aircraft with an identified model, for tests of maneuvers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from tests.offline.made_aircraft import small
+
+TERMS = {
+    "CX": {"1": -0.05, "alpha^2": 2.0},
+    "CY": {"beta": -0.9, "rudder": 0.2},
+    "CZ": {"1": -0.3, "alpha": -5.0, "qhat": -8.0},
+    "Cl": {"beta": -0.1, "phat": -0.5, "rhat": 0.2, "aileron": 0.17},
+    "Cm": {"1": 0.01, "alpha": -1.5, "qhat": -30.0, "elevator": -0.99},
+    "Cn": {"beta": 0.08, "phat": -0.05, "rhat": -0.1, "rudder": -0.07},
+}
+
+
+def aircraft() -> Aircraft:
+    models = {
+        name: CoefficientModel(
+            {key: Value(value, 0.05 * abs(value)) for key, value in terms.items()}
+        )
+        for name, terms in TERMS.items()
+    }
+    servos = tuple(replace(servo, time_constant=0.04, delay=0.02) for servo in small().servos)
+    return replace(small(), aerodynamics=models, servos=servos)
+
+
+def model(*, relative: float = 0.05) -> AeroModel:
+    """With every value known to this part of itself, independently."""
+    fits = {}
+    for name, terms in TERMS.items():
+        value = np.array(list(terms.values()))
+        zero = np.zeros(value.size)
+        fits[name] = CoefficientFit(
+            keys=tuple(terms),
+            value=value,
+            covariance=np.diag((relative * value) ** 2),
+            flight_value=value,
+            deviations={"scale": zero},
+            white_deviation=zero,
+            repeated_covariance=np.diag((relative * value) ** 2),
+            discrepancy=0.0,
+            calibration=1.0,
+            residual=0.01,
+            correlation=np.eye(value.size),
+            excitation=np.ones(value.size),
+            lowest=zero,
+            highest=zero,
+            samples=10000,
+            effective_samples=1000.0,
+        )
+    return AeroModel(fits, ("aileron", "elevator", "rudder"))
