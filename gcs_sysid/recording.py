@@ -155,6 +155,7 @@ CHANNELS: Mapping[str, str] = {
     "beta": "sideslip at the vane [rad]",
     "pwm_N": "output or input pulse of channel N, N from 1 [µs]",
     "rpm_N": "rotation speed of motor N, N from 1 [rpm]",
+    "power_N": "electrical power into the controller of motor N, N from 1 [W]",
     "voltage": "battery voltage [V]",
     "current": "battery current [A]",
     "mode": "custom mode number",

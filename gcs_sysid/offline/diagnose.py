@@ -54,6 +54,7 @@ def run(
     out: Path,
     progress: Progress,
     columns: Path | None = None,
+    can: Path | None = None,
 ) -> dict[str, Any]:
     """Diagnoses; writes `diagnosis.json`, `residuals.parquet` and `aircraft-extended.toml`.
 
@@ -67,14 +68,18 @@ def run(
         out: directory for the results.
         progress: told what is being done.
         columns: what the columns of tables are.
+        can: a CAN log of the same flight; for a single log. Servos are part of what is tested, so
+            surfaces follow commands, whatever the bus measured of them.
 
     Raises:
         InputError: a log or the simulation cannot be used.
-        UsageError: no simulation or two are given, or a segments file with several logs.
+        UsageError: no simulation or two are given, or a segments file or CAN log with several logs.
     """
     started = clock.perf_counter()
     if segments is not None and len(logs) > 1:
         raise UsageError("--segments goes with one LOG; give each log its own run, or leave it out")
+    if can is not None and (len(logs) > 1 or holdout is not None):
+        raise UsageError("--can goes with one LOG; give each log its own run, or leave it out")
     under = tested.load(aircraft, model)
     read = [*logs, *([] if holdout is None else [holdout])]
     flights = []
@@ -92,6 +97,7 @@ def run(
             delay=under.delay,
             progress=part,
             columns=columns,
+            can=can,
         )
         numbered = tuple(replace(item, id=item.id + FLIGHT_IDS * index) for item in one.segments)
         flights.append(replace(one, segments=numbered))

@@ -135,6 +135,10 @@ def read(
     surfaces: tuple[str, ...] = ()
     if measured:
         recording, aircraft, surfaces = in_place_of_commands(recording, aircraft)
+        if surfaces and delay is not None:
+            # What was found of commands is not the delay of measured positions.
+            stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
+            delay = Delay(stated.delay, stated.sigma or 0.0, found=False)
     needed = requirements.check(recording, aircraft)
     needed.raise_if_unusable()
     read_at = clock.perf_counter()

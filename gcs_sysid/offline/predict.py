@@ -30,11 +30,13 @@ def run(
     out: Path,
     progress: Progress,
     columns: Path | None = None,
+    can: Path | None = None,
 ) -> dict[str, Any]:
     """Predicts a flight and writes `predictions.parquet` and `summary.json` to `out`.
 
     The surfaces' delay is the one found when the model was made; everything else of the flight is
-    reconstructed anew. `columns` says what the columns are where the log is a table.
+    reconstructed anew. `columns` says what the columns are where the log is a table, `can` is a
+    CAN log of the same flight; surfaces whose position it measured have no delay.
 
     Raises:
         InputError: the log or the model cannot be used.
@@ -49,6 +51,8 @@ def run(
         delay=Delay(stored.surface_delay, 0.0, found=True),
         progress=progress,
         columns=columns,
+        can=can,
+        measured=True,
     )
     everything = [item.id for item in one.segments]
     table = samples_table.table([one], stored.model, everything, unseen=True)

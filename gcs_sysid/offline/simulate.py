@@ -39,6 +39,7 @@ def run(
     out: Path,
     progress: Progress,
     columns: Path | None = None,
+    can: Path | None = None,
 ) -> dict[str, Any]:
     """Flies the simulation beside the flight; writes `simulate.json` and `simulated.parquet`.
 
@@ -51,6 +52,8 @@ def run(
         out: directory for the results.
         progress: told what is being done.
         columns: what the columns are where the log is a table.
+        can: a CAN log of the same flight. Surfaces move as the simulation's servos make them, not
+            as the bus measured them.
 
     Raises:
         InputError: the log or the simulation cannot be used.
@@ -66,6 +69,7 @@ def run(
         delay=under.delay,
         progress=progress,
         columns=columns,
+        can=can,
     )
     flown = flight.without_controls(under.aircraft, one.absent)
     progress("flying the simulation", 0.9)

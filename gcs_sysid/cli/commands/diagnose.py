@@ -24,6 +24,7 @@ WRITES = ("diagnosis.json", "aircraft-extended.toml", "residuals.parquet", "repo
 @options.segments
 @options.vehicle
 @options.columns
+@options.can
 @options.out("diagnose")
 @options.seed
 @options.as_json
@@ -35,6 +36,7 @@ def command(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -59,6 +61,7 @@ def command(
             vehicle=vehicle,
             segments=segments,
             columns=columns,
+            can=can,
             out=destination,
             progress=progress,
         )

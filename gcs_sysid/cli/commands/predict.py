@@ -17,6 +17,7 @@ WRITES = ("predictions.parquet", "summary.json", "report.html")
 @options.segments
 @options.vehicle
 @options.columns
+@options.can
 @options.out("predict")
 @options.seed
 @options.as_json
@@ -26,6 +27,7 @@ def command(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -45,6 +47,7 @@ def command(
             model,
             vehicle=vehicle,
             columns=columns,
+            can=can,
             segments=segments,
             out=destination,
             progress=progress,

@@ -18,6 +18,7 @@ WRITES = ("simulate.json", "simulated.parquet", "report.html")
 @options.segments
 @options.vehicle
 @options.columns
+@options.can
 @options.out("simulate")
 @options.seed
 @options.as_json
@@ -28,6 +29,7 @@ def command(
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
+    can: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -50,6 +52,7 @@ def command(
             vehicle=vehicle,
             segments=segments,
             columns=columns,
+            can=can,
             out=destination,
             progress=progress,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,11 +44,35 @@ MEASURED: Mapping[int, tuple[str, Callable[[Values], dict[str, np.ndarray]]]] = 
     1029: ("SCALED_PRESSURE", lambda v: {"temperature": v["static_temperature"]}),
 }
 """Data type id -> stream, and its channels."""
-NUMBERED: Mapping[int, tuple[str, str, str, int, str]] = {
-    1011: (POSITIONS, "position", "actuator_id", 0, "position"),
-    1034: ("ESC_STATUS", "rpm", "esc_index", 1, "rpm"),
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """A message that one of several nodes of a kind sends about itself.
+
+    Attributes:
+        stream: the stream that all of them share.
+        index: field that numbers them.
+        first: number of the one whose index is zero.
+        channels: channel, without its number -> its values.
+    """
+
+    stream: str
+    index: str
+    first: int
+    channels: Mapping[str, Callable[[Values], np.ndarray]]
+
+
+NUMBERED: Mapping[int, Numbered] = {
+    1011: Numbered(POSITIONS, "actuator_id", 0, {"position": lambda v: v["position"]}),
+    1034: Numbered(
+        "ESC_STATUS",
+        "esc_index",
+        1,
+        {"rpm": lambda v: v["rpm"], "power": lambda v: v["voltage"] * v["current"]},
+    ),
 }
-"""Data type id -> stream, channel, field that numbers it, number of the first, field."""
+"""Data type id -> what it carries."""
 
 
 def pieces(found: Sequence[Transfer]) -> tuple[list[Piece], int]:
@@ -73,11 +98,15 @@ def pieces(found: Sequence[Transfer]) -> tuple[list[Piece], int]:
 
 
 def _numbered(kind: int, whole: Iterable[Transfer]) -> Iterator[Piece]:
-    stream, channel, index, first, name = NUMBERED[kind]
+    one = NUMBERED[kind]
     time, values = _table(kind, list(whole))
-    for number in np.unique(values[index]).astype(int).tolist():
-        mine = values[index] == number
-        yield Piece(stream, time[mine], {f"{channel}_{number + first}": values[name][mine]})
+    for number in np.unique(values[one.index]).astype(int).tolist():
+        mine = values[one.index] == number
+        yield Piece(
+            one.stream,
+            time[mine],
+            {f"{c}_{number + one.first}": read(values)[mine] for c, read in one.channels.items()},
+        )
 
 
 def _table(kind: int, whole: list[Transfer]) -> tuple[np.ndarray, Values]:

@@ -33,7 +33,9 @@ def one_of_each() -> Bus:
     bus.send(1.0, "air_data.RawAirData", static_pressure=95_000.0, differential_pressure=281.5)
     bus.send(1.0, "air_data.StaticTemperature", static_temperature=288.0)
     bus.send(1.0, "actuator.Status", actuator_id=2, position=-0.25)
-    bus.send(1.0, "esc.Status", esc_index=3, rpm=-7350, voltage=16.0, power_rating_pct=55)
+    bus.send(
+        1.0, "esc.Status", esc_index=3, rpm=-7350, voltage=16.0, current=12.5, power_rating_pct=55
+    )
     bus.send(
         1.0, "ahrs.RawIMU", rate_gyro_latest=[0.5, -0.25, 0.125],
         accelerometer_latest=[1.0, 2.0, -9.75],
@@ -57,6 +59,7 @@ def test_messages_are_read_as_the_dronecan_package_writes_them() -> None:
         "TRUE_AIRSPEED.true_airspeed": 22.25, "SCALED_PRESSURE.static_pressure": 95_000.0,
         "SCALED_PRESSURE.dynamic_pressure": 281.5, "SCALED_PRESSURE.temperature": 288.0,
         "ACTUATOR_STATUS.position_2": -0.25, "ESC_STATUS.rpm_4": -7350.0,
+        "ESC_STATUS.power_4": 200.0,
         "CAN_IMU.p": 0.5, "CAN_IMU.q": -0.25, "CAN_IMU.r": 0.125,
         "CAN_IMU.acc_x": 1.0, "CAN_IMU.acc_y": 2.0, "CAN_IMU.acc_z": -9.75,
     }  # fmt: skip
