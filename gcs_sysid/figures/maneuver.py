@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.figures.data import Axis, Band, Figure, Panel, Role, Rule, Series, Span
+from gcs_sysid.figures.data import Axis, Band, Figure, Panel, Role, Rule, Series
 from gcs_sysid.figures.reduce import limits
 from gcs_sysid.figures.samples import Samples
 
@@ -59,11 +59,12 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
     along = CHANNELS[entry["along"]][0]
     x = DEGREES * np.asarray(entry["x"], dtype=float)
     curves = {part: 100.0 * np.asarray(entry[part], dtype=float) for part in ("before", "after")}
-    spans = []
-    if entry["flown"] is not None:
-        spans.append(_span("flown", entry["flown"], x, "measured"))
-    if entry["asked"] is not None:
-        spans.append(_span("asked for", entry["asked"], x, "held_out"))
+    rules = [Rule("y", 100.0 * level, "asked for", "limit")]
+    for words, pair in (("flown", entry["flown"]), ("region", entry["asked"])):
+        for value, end in zip(pair or (), ("from", "to"), strict=False):
+            at = DEGREES * value
+            if x[0] < at < x[-1]:
+                rules.append(Rule("x", at, f"{words} {end}"))
     return Figure(
         name=f"confidence-{name}",
         title=f"How well {name} is known",
@@ -77,17 +78,11 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
                     Series("now", x, curves["before"], "measured"),
                     Series("after the sortie", x, curves["after"], "predicted"),
                 ),
-                rules=(Rule("y", 100.0 * level, "asked for", "limit"),),
+                rules=tuple(rules),
             ),
         ),
-        spans=tuple(spans),
         size="small",
     )
-
-
-def _span(name: str, pair: Sequence[float], x: Float[np.ndarray, " point"], role: Role) -> Span:
-    low, high = (float(np.clip(DEGREES * value, x[0], x[-1])) for value in pair)
-    return Span(name, low, high, role)
 
 
 def _inputs(

@@ -13,7 +13,7 @@ from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import axes, envelope, flown, gusts, holding, information
 from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.envelope import Excursion
-from gcs_sysid.maneuvers.flown import LANES, STEP, Drawn, Fleet, Flown, Simulator
+from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Drawn, Fleet, Flown, Simulator
 from gcs_sysid.maneuvers.holding import Linear
 from gcs_sysid.maneuvers.information import Covariances, Gain, Rows
 from gcs_sysid.maneuvers.recipes import Place, Recipe
@@ -159,7 +159,7 @@ def condition(
     fleet = simulator.settle(flown.lanes(drawn, 0), trim)
     air = _air(aircraft, trim, gust, generator)
     air[:CALM] = 0.0
-    nothing = np.zeros((air.shape[1], len(aircraft.controls) + 1))
+    nothing = np.zeros((air.shape[1] - LEAD, len(aircraft.controls) + 1))
     still = simulator.fly(fleet, linear, trim.density, nothing, air)
     if aircraft.envelope is None:
         raise ValueError("an aircraft without envelope has no safe maneuvers")
@@ -237,7 +237,9 @@ def _proof(at: Condition, maneuver: Maneuver, generator: np.random.Generator) ->
     left = flights = 0
     for trial in range(TRIALS):
         fleet = at.simulator.settle(flown.lanes(at.drawn, trial * LANES), at.trim)
-        path = at.fly(fleet, full, _air(at.aircraft, at.trim, at.gust, generator, samples=rows))
+        path = at.fly(
+            fleet, full, _air(at.aircraft, at.trim, at.gust, generator, samples=LEAD + rows)
+        )
         found = envelope.broken(path, at.allowed, at.aircraft)
         for name, which in found.items():
             counts[name] = counts.get(name, 0) + int(which.sum())
@@ -301,7 +303,7 @@ def _air(
     gust: float,
     generator: np.random.Generator,
     *,
-    samples: int = round(LONGEST / STEP) + 1,
+    samples: int = LEAD + round(LONGEST / STEP) + 1,
 ) -> Float[np.ndarray, "draw sample six"]:
     return gusts.draw(
         LANES,

@@ -27,6 +27,8 @@ CHUNK = 100
 """Steps flown by one call of the compiled program: it is the same for every length of maneuver."""
 LANES = 64
 """Aircraft that it flies at once."""
+LEAD = CHUNK
+"""Steps flown in the first of the gusts before a maneuver begins: none begins in still air."""
 TRIM_STEPS = 12
 """Gauss–Newton steps from the trim of the mean to that of a drawn aircraft."""
 
@@ -144,13 +146,13 @@ class Simulator:
             linear: whose attitude hold flies them.
             density: of the air [kg/m³].
             added: to each control [rad], and last to the throttle (0 to 1).
-            gust: that each meets, see `gusts.draw`; at least as long as `added`.
+            gust: that each meets, see `gusts.draw`; `LEAD` longer than `added`, at least.
         """
-        count = added.shape[0]
-        padded = np.zeros((-(-count // CHUNK) * CHUNK, added.shape[1]))
-        padded[:count] = added
+        end = LEAD + added.shape[0]
+        padded = np.zeros((-(-end // CHUNK) * CHUNK, added.shape[1]))
+        padded[LEAD:end] = added
         air = np.zeros((LANES, padded.shape[0], 6))
-        air[:, :count] = gust[:, :count]
+        air[:, :end] = gust[:, :end]
         delay = _delay_steps(self.aircraft)
         surfaces = jnp.asarray(fleet.controls) @ jnp.asarray(_to_surfaces(self.aircraft)).T
         motion = _Motion(
@@ -172,7 +174,7 @@ class Simulator:
             )
             parts.append([np.asarray(value) for value in seen])
         return Flown(
-            *(np.concatenate(item, axis=1)[:, :count] for item in zip(*parts, strict=True))
+            *(np.concatenate(item, axis=1)[:, LEAD:end] for item in zip(*parts, strict=True))
         )
 
 

@@ -77,6 +77,7 @@ class Recipe:
         duration: of the input [s].
         added: to each control [rad] and last to the throttle, every `STEP`.
         how: in words, for the card.
+        fastest: highest frequency of a sweep [Hz]; 0 for others.
     """
 
     name: str
@@ -86,6 +87,7 @@ class Recipe:
     duration: float
     added: Float[np.ndarray, "sample input"]
     how: str
+    fastest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -257,6 +259,7 @@ def _sweeps(at: Place, inputs: tuple[str, ...], coefficients: tuple[str, ...]) -
             SWEEP,
             at.sized(at.columns(SWEEP, {name: shape})),
             f"{name} from {SLOW:.1f} to {at.last(name):.1f} Hz in {SWEEP:.0f} s",
+            fastest=at.last(name),
         )
 
 

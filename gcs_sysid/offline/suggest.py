@@ -28,6 +28,7 @@ from gcs_sysid.offline import (
     documents,
     model_store,
     suggestion_entries,
+    suggestion_exports,
     suggestion_files,
     suggestion_flown,
     suggestion_map,
@@ -67,6 +68,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         UsageError: a target that the model does not have.
     """
     started = clock.perf_counter()
+    home = None if question.home is None else suggestion_exports.home(question.home)
     stored = model_store.load(model_dir)
     aircraft = _aircraft(stored, model_dir)
     generator = np.random.default_rng(question.seed)
@@ -98,6 +100,9 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     listed = _listed(kept, plan, names, target, stored.model, aircraft)
     for _, item in kept:
         documents.write_text(out / f"{item.name}.csv", suggestion_files.csv(item, names))
+    suggestion_exports.write(
+        out, [item for _, item in kept], listed, aircraft, conditions[0].axes, names
+    )
     documents.write_text(out / "maneuvers.json", documents.dump_json(listed) + "\n")
     table = suggestion_files.motions([item for _, item in kept], names)
     documents.write_table(out / "maneuvers.parquet", table)
@@ -131,6 +136,8 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "timing": {"total_s": clock.perf_counter() - started},
     }
     documents.write_json(out / "suggest.json", document)
+    if home is not None:
+        suggestion_exports.missions(out, document["sortie"]["steps"], home)
     return documents.plain(document)
 
 

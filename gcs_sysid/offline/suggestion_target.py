@@ -29,6 +29,7 @@ class Question:
         region: limits of the envelope's part to plan for, see `chosen`.
         minutes: flight time of the sortie.
         gust: horizontal intensity to reckon with [m/s]; None takes that of the model's flight.
+        home: latitude, longitude and heading of the legs [deg], for a mission; None writes none.
         flown: folder of the suggestion that has been flown since, if any.
         seed: of the aircraft and gusts drawn.
     """
@@ -38,6 +39,7 @@ class Question:
     region: str | None = None
     minutes: float = 6.0
     gust: float | None = None
+    home: str | None = None
     flown: Path | None = None
     seed: int = 0
 

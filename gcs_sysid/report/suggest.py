@@ -236,7 +236,8 @@ def _card(item: Mapping, figure: Figure, summary: Mapping) -> Card:
     entry = item["entry"]
     return Card(
         name=item["name"],
-        title=f"{item['kind'].capitalize()}, {_words(item['name'])}",
+        title=f"{_words(item['name']).rpartition(' ')[0].capitalize()} at "
+        f"{entry['airspeed']:.1f} m/s",
         how=f"{item['how'].capitalize()}. Amplitude {_amplitudes(item)}.",
         entry=(
             Pair("airspeed", f"{entry['airspeed']:.1f} m/s"),

@@ -123,13 +123,13 @@ def test_a_servo_is_late_and_slow(at) -> None:
 
 def test_gusts_are_felt_as_wind_and_rotation(at) -> None:
     air = np.zeros((LANES, 300, 6))
-    air[:, :, 2] = -1.0
+    air[:, flown.LEAD :, 2] = -1.0
     path = at.fly(at.fleet, pulses(at, 0.1), air)
     calm = at.fly(at.fleet, pulses(at, 0.1), 0.0 * air)
     # Rising air: 1 m/s at 22 m/s is 2.6 degrees of angle of attack, and more lift at once.
     assert path.alpha[0, 0] - calm.alpha[0, 0] == pytest.approx(1.0 / 22.0, rel=0.02)
     assert path.load_factor[0, 0] > calm.load_factor[0, 0] + 0.3
-    air[:, :, 2], air[:, :, 3] = 0.0, 0.2
+    air[:, :, 2], air[:, flown.LEAD :, 3] = 0.0, 0.2
     assert at.fly(at.fleet, pulses(at, 0.1), air).rate[0, 0, 0] == pytest.approx(-0.2)
 
 

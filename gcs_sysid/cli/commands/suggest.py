@@ -46,6 +46,11 @@ WRITES = ("maneuvers.json", "suggest.json", "maneuvers.parquet", "report.html")
     help="Gusts to reckon with; those of the model's flight unless given.",
 )
 @click.option(
+    "--home",
+    metavar="LAT,LON,HEADING",
+    help="Where the legs begin and point (deg): writes the sortie as missions.",
+)
+@click.option(
     "--flown",
     metavar="DIR",
     type=click.Path(path_type=Path),
@@ -68,6 +73,7 @@ def command(
     region: str | None,
     minutes: float,
     gust: float | None,
+    home: str | None,
     flown: Path | None,
     out: Path | None,
     seed: int,
@@ -89,6 +95,7 @@ def command(
         region=region,
         minutes=minutes,
         gust=gust,
+        home=home,
         flown=flown,
         seed=seed,
     )

@@ -1,0 +1,1 @@
+"""Maneuvers in the forms that autopilots and ground stations take."""
