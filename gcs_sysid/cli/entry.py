@@ -24,6 +24,7 @@ COMMANDS = (
     "diagnose",
     "suggest",
     "listen",
+    "dashboard",
     "export",
     "replay",
     "sitl",

@@ -51,6 +51,7 @@ def calls(monkeypatch, tmp_path):
         "segments.json",
         "points.csv",
         "map.toml",
+        "bus.blf",
     ):
         (tmp_path / file).touch()
     (tmp_path / "model").mkdir()
@@ -105,12 +106,12 @@ def test_identify_as_json(calls, capsys):
 
 
 def test_predict(calls, capsys):
-    arguments = ["flight.tlog", "--model", "model", "--columns", "map.toml"]
+    arguments = ["flight.tlog", "--model", "model", "--columns", "map.toml", "--can", "bus.blf"]
     assert entry.main(["predict", *arguments]) == 0
     [(_, args, named)] = calls
     assert args == (Path("flight.tlog"), Path("model"))
     assert named == {
-        "vehicle": None, "segments": None, "columns": Path("map.toml"),
+        "vehicle": None, "segments": None, "columns": Path("map.toml"), "can": Path("bus.blf"),
         "out": Path("flight-predict"),
     }  # fmt: skip
     assert capsys.readouterr().out == "predict: flight-predict/predictions.parquet\n"

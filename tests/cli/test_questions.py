@@ -44,7 +44,7 @@ def test_simulate(calls, capsys):
     assert args == (Path("flight.tlog"),)
     assert named == {
         "aircraft": None, "model": Path("model"), "vehicle": 2, "segments": None, "columns": None,
-        "out": Path("flight-simulate"),
+        "can": None, "out": Path("flight-simulate"),
     }  # fmt: skip
     assert capsys.readouterr().out == "simulate: flight-simulate/simulated.parquet\n"
 
@@ -56,7 +56,7 @@ def test_diagnose(calls, capsys):
     assert args == ((Path("flight.tlog"),),)
     assert named == {
         "aircraft": Path("aircraft.toml"), "model": None, "holdout": Path("other.tlog"),
-        "vehicle": None, "segments": None, "columns": Path("map.toml"),
+        "vehicle": None, "segments": None, "columns": Path("map.toml"), "can": None,
         "out": Path("flight-diagnose"),
     }  # fmt: skip
     assert capsys.readouterr().out == "diagnose: flight-diagnose/residuals.parquet\n"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -57,6 +60,10 @@ WRITES = (
     help="Take signed MAVLink only, and sign what is sent; FILE holds the key: 32 bytes, 64 hex "
     "digits or a passphrase.",
 )  # fmt: skip
+@click.option(
+    "--dashboard/--no-dashboard", default=True, show_default=True,
+    help="Serve a web page of it on this computer, in a process of its own.",
+)  # fmt: skip
 @options.vehicle
 @click.option(
     "--out", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
@@ -73,6 +80,7 @@ def command(
     can: str | None,
     part_size: int,
     sign_key: Path | None,
+    dashboard: bool,
     vehicle: int | None,
     out: Path | None,
     as_json: bool,
@@ -92,7 +100,11 @@ def command(
     chosen = out if out is not None else Path(f"listen-{begun:%Y%m%d-%H%M%S}")
     loaded = listen.load(aircraft)
     with output.folder(chosen, Path(link), "listen", WRITES) as destination:
-        with _stopping() as stopped, live_view.opened(to_stderr=as_json) as show:
+        with (
+            _dashboard(destination, wanted=dashboard),
+            _stopping() as stopped,
+            live_view.opened(to_stderr=as_json) as show,
+        ):
             ending = listen.run(
                 link,
                 loaded,
@@ -148,6 +160,26 @@ def _identified(
             f"recorded, but not identified: {error.what}",
             fix=error.fix,
         ) from error
+
+
+@contextmanager
+def _dashboard(folder: Path, *, wanted: bool) -> Generator[None, None, None]:
+    """A page of what is written into `folder`; its process can neither slow nor stop this one."""
+    if not wanted:
+        yield
+        return
+    words = ["dashboard", str(folder), "--of", str(os.getpid())]
+    # Ctrl-C in the terminal is for this process; the page ends with it.
+    process = subprocess.Popen(  # noqa: S603 - this program itself, with arguments of its own
+        [sys.executable, "-m", "gcs_sysid", *words],
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
 
 
 @contextmanager

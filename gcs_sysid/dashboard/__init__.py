@@ -1,0 +1,1 @@
+"""A web page beside a flight: reads what listening writes, and nothing else."""

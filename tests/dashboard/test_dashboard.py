@@ -1,0 +1,244 @@
+"""The page: what it shows is the live document, and nobody else gets at it."""
+
+from __future__ import annotations
+
+import html
+import http.client
+import json
+import re
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from gcs_sysid.dashboard import server
+from gcs_sysid.dashboard.app import COOKIE, MOST_CLIENTS
+from gcs_sysid.dashboard.watch import KEPT, Watch, point
+from gcs_sysid.errors import InputError
+from tests.dashboard.browser import CHROMIUM, Browser
+
+PATIENCE_S = 20.0
+
+
+def live(**parts: object) -> dict:
+    """A live document as listening writes it."""
+    return {
+        "schema": 1, "program": "gcs-sysid 0", "command": "listen", "link": "udp:127.0.0.1:1",
+        "aircraft": "A <b>bold</b> aircraft", "vehicle": 1, "other_vehicles": [],
+        "phase": "flying", "time_us": 1, "written_us": time.time_ns() // 1000, "state_age_s": 0.02,
+        "health": {
+            "up": True, "why": "", "losses": 0, "silence_s": 0.0,
+            "streams": {"RAW_IMU": {"rate_hz": 49.7, "age_s": 0.01}},
+            "requests": {
+                "RAW_IMU": {"wanted_hz": 50.0, "rate_hz": 49.7, "answer": "enough"},
+                "AOA_SSA": {"wanted_hz": 25.0, "rate_hz": 0.0, "answer": "refused"},
+            },
+        },
+        "state": {
+            "V": {"value": 21.34, "sd": 0.5, "unit": "m/s"},
+            "alpha": {"value": 0.1, "sd": 0.01, "unit": "rad"},
+        },
+        "coefficients": {"CZ": {"value": -0.4567, "sd": 0.01, "age_s": 0.3}},
+        "derivatives": {"CZ": {"alpha": {"value": -4.5, "sd": 0.25}}},
+        "latency": {"packet_to_update": {"p50_ms": 3.0, "p99_ms": 9.0}},
+        "counts": {
+            "received": 7, "recorded": 7, "updates": 5, "decimated": 0, "late": 0, "restarts": 0,
+            "lost": {"bad_crc": 2},
+        },
+        **parts,
+    }  # fmt: skip
+
+
+def write(folder: Path, document: dict) -> None:
+    temporary = folder / ".live"
+    temporary.write_text(json.dumps(document))
+    temporary.replace(folder / "live.json")
+
+
+@dataclass
+class Page:
+    """A served folder."""
+
+    folder: Path
+    address: server.Address
+
+    def ask(self, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.address.port, timeout=PATIENCE_S)
+        try:
+            connection.request("GET", path, headers=headers)
+            answer = connection.getresponse()
+            return answer.status, dict(answer.getheaders()), answer.read()
+        finally:
+            connection.close()
+
+
+def served(folder: Path, address: server.Address) -> Iterator[Page]:
+    stop = threading.Event()
+    thread = threading.Thread(
+        target=server.serve, args=(folder, address), kwargs={"still": lambda: not stop.is_set()}
+    )
+    thread.start()
+    page = Page(folder, address)
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        try:
+            page.ask("/page.css")
+            break
+        except OSError:
+            time.sleep(0.05)
+    yield page
+    stop.set()
+    thread.join(PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    folder = tmp_path_factory.mktemp("live")
+    write(folder, live())
+    yield from served(folder, server.bind(port=0))
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[Page]:
+    write(tmp_path, live())
+    opened = server.bind("0.0.0.0", 0)
+    yield from served(tmp_path, opened)
+
+
+def test_the_document_is_served_as_it_is_and_as_it_changes(page: Page) -> None:
+    document = live()
+    write(page.folder, document)
+    connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=PATIENCE_S)
+    connection.request("GET", "/events")
+    answer = connection.getresponse()
+    assert answer.getheader("Content-Type") == "text/event-stream"
+    for _ in range(3):
+        while True:
+            line = answer.readline()
+            if line.startswith(b"data:"):
+                seen = json.loads(line[5:])["document"]
+                if seen == document:
+                    break
+        document = live(phase=f"flying {document['written_us']}")
+        write(page.folder, document)
+    connection.close()
+    _, _, history = page.ask("/history.json")
+    assert json.loads(history)[-1]["V"] == [21.34, 0.5]
+
+
+def test_only_its_own_names_are_served(page: Page) -> None:
+    (page.folder / "secret.txt").write_text("secret")
+    for path in ("/secret.txt", "/../secret.txt", "/%2e%2e/secret.txt", "/assets/page.js", "//"):
+        status, _, body = page.ask(path)
+        assert status == 404, path
+        assert b"secret" not in body
+
+
+def test_nothing_comes_from_elsewhere_and_nothing_runs_but_its_own(page: Page) -> None:
+    status, headers, body = page.ask("/")
+    assert status == 200
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert "unsafe" not in headers["content-security-policy"]
+    text = (body + page.ask("/page.css")[2] + page.ask("/page.js")[2]).decode()
+    assert not re.search(r"https?://|innerHTML|eval\(", text)
+
+
+def test_pages_from_elsewhere_are_not_answered(page: Page) -> None:
+    """Neither under another name of this computer, nor from another page in the same browser."""
+    assert page.ask("/live.json", Host="evil.example")[0] == 403
+    assert page.ask("/live.json", **{"Sec-Fetch-Site": "cross-site"})[0] == 403
+    status, headers, _ = page.ask("/live.json", Origin="http://evil.example")
+    assert status == 200
+    assert not [name for name in headers if name.lower().startswith("access-control")]
+
+
+def test_beyond_this_computer_a_token_is_asked_for(guarded: Page) -> None:
+    token = guarded.address.token
+    assert len(token) >= 32
+    assert guarded.ask("/live.json")[0] == 403
+    assert guarded.ask("/live.json?token=wrong")[0] == 403
+    status, headers, _ = guarded.ask(f"/?token={token}")
+    assert status == 303
+    assert headers["location"] == "/"
+    cookie = headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "samesite=strict" in cookie.lower()
+    status, _, body = guarded.ask("/live.json", Cookie=f"{COOKIE}={token}")
+    assert status == 200
+    assert json.loads(body)["aircraft"] == live()["aircraft"]
+
+
+def test_many_pages_do_not_harm(page: Page) -> None:
+    held = []
+    for _ in range(MOST_CLIENTS + 4):
+        connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=PATIENCE_S)
+        connection.request("GET", "/events")
+        answer = connection.getresponse()
+        if answer.status == 200:
+            answer.readline()
+        held.append((connection, answer.status))
+    assert [status for _, status in held].count(503) >= 4
+    assert page.ask("/live.json")[0] == 200
+    for connection, _ in held:
+        connection.close()
+
+
+def test_a_port_that_is_taken_makes_room_for_the_next() -> None:
+    first = server.bind(port=0)
+    first.socket.listen()
+    second = server.bind(port=first.port)
+    assert second.port > first.port
+    assert first.token == ""
+    first.socket.close()
+    second.socket.close()
+    with pytest.raises(InputError, match="cannot be served"):
+        server.bind("192.0.2.1", 1)
+
+
+def test_files_that_are_no_live_documents_are_passed_over(tmp_path: Path) -> None:
+    watch = Watch(tmp_path)
+    for text in ("", "{", "[]", '{"command": "identify"}'):
+        (tmp_path / "live.json").write_text(text)
+        assert not watch.look()
+    for _ in range(3):
+        write(tmp_path, live())
+        assert watch.look()
+        assert not watch.look()
+    assert watch.version == len(watch.history) == 3
+    assert watch.history.maxlen == KEPT
+
+
+def test_a_point_has_no_number_that_is_none() -> None:
+    told = point(live(coefficients={"CZ": {"value": float("nan"), "sd": 1.0}}))
+    assert told["CZ"] == [None, 1.0]
+    assert told["alpha"] == [0.1, 0.01]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", [1280, 400], ids=["screen", "phone"])
+def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, width: int) -> None:
+    """Values, intervals, alarms, and a name with markup in it that stays text."""
+    write(page.folder, live(state_age_s=42.0))
+    browser = Browser(page.address.url, tmp_path, width=width)
+    browser.until("document.querySelectorAll('.tile').length === 2")
+    browser.until("document.body.className === 'stale'")
+    seen = browser.evaluate("document.documentElement.outerHTML")
+    assert 'data-name="V"><span>airspeed</span><b>21.3</b><span>± 1.0 m/s</span>' in seen
+    assert "<b>5.7</b><span>± 1.1 °</span>" in seen  # 0.1 rad ± 1.96 · 0.01 rad
+    assert "-0.457 ± 0.020" in seen
+    assert "alpha -4.50 ± 0.49" in seen
+    assert html.escape("A <b>bold</b> aircraft") in seen
+    assert "The vehicle refuses AOA_SSA." in seen
+    assert re.search(r"Values are 4\d s old\.", seen)
+    assert "lost: bad_crc 2" in seen
+    across = "document.documentElement.scrollWidth - window.innerWidth"
+    assert browser.evaluate(across) <= 0, "wider than the screen"
+    write(page.folder, live())
+    browser.until("document.body.className === ''")
+    browser.until("!document.getElementById('alarm').textContent.includes('old')")
+    browser.evaluate("document.getElementById('theme').click()")
+    assert browser.evaluate("document.documentElement.className") == "dark"
+    browser.close()
