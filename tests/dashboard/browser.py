@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
@@ -23,15 +24,17 @@ class Browser:
             str(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu",
             "--remote-debugging-pipe", f"--user-data-dir={profile}",
         ]  # fmt: skip
-        # The browser reads its pipe as descriptor 3 and writes to 4.
+        # The browser reads its pipe as descriptor 3 and writes to 4, which must be free for it.
+        ends = theirs, back
+        theirs, back = (fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (theirs, back))
         script = f'exec 3<&{theirs} 4>&{back} {theirs}<&- {back}>&-; exec "$@"'
         self._process = subprocess.Popen(
             ["bash", "-c", script, "bash", *words],
             pass_fds=(theirs, back),
             stderr=subprocess.DEVNULL,
         )
-        os.close(theirs)
-        os.close(back)
+        for end in (*ends, theirs, back):
+            os.close(end)
         self._rest, self._number = b"", 0
         self._session = ""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
