@@ -7,9 +7,10 @@ exact gradient; the curvature is the Fisher information, of means from the innov
 sensitivities, of means and intensities together from those of their covariance,
 ½ tr(S⁻¹ ∂S S⁻¹ ∂S). Its inverse is the covariance that is told.
 
-Three stages, since a filter with wrong derivatives would rather believe in wrong intensities:
-derivatives alone with intensities from the sensors and the turbulence model; derivatives and
-intensities; everything. After every step the nominal flight is smoothed anew, and the step is kept
+The search goes in stages, since a filter with wrong derivatives would rather believe in wrong
+intensities: derivatives alone with intensities from the sensors and the turbulence model;
+derivatives and intensities; everything. All but the last look at the stretch of the flight with the
+most control only. After every step the nominal flight is smoothed anew, and the step is kept
 only if the likelihood about *that* flight has grown.
 """
 
@@ -44,15 +45,17 @@ Change = tuple[np.ndarray, np.ndarray]
 
 
 class Stage(NamedTuple):
-    """Which parameters move, and for how long.
+    """Which parameters move, on what, and for how long.
 
     Attributes:
+        whole: whether on the whole flight; otherwise on the stretch with the most control.
         sensors: names of the sensor errors set free.
         intensities: whether the intensities are free.
         steps: at most.
         gain: least growth of the log-likelihood for which another step is worth it.
     """
 
+    whole: bool
     sensors: tuple[str, ...]
     intensities: bool
     steps: int
@@ -60,15 +63,21 @@ class Stage(NamedTuple):
 
 
 STAGES = (
-    Stage(("accelerometer_bias",), False, 6, 100.0),
+    Stage(False, ("accelerometer_bias",), False, 6, 100.0),
     Stage(
+        False,
         ("accelerometer_bias", "gyro_bias", "surface_delay", "moment_lag", "attitude_delay"),
         True,
         12,
         5.0,
     ),
-    Stage(aided.Sensors._fields, True, 15, 0.3),
+    Stage(False, aided.Sensors._fields, True, 8, 2.0),
+    Stage(True, aided.Sensors._fields, True, 15, 1.0),
 )
+STRETCH = 4000
+"""Rows of the stretch on which the search begins."""
+RENEWED = 4
+"""After so many steps the information is worked out anew; in between the slopes correct it."""
 
 
 class Unknowns(NamedTuple):
@@ -137,6 +146,9 @@ def fit(
     prior: Unknowns,
     sigma: Unknowns,
     progress: Callable[[str], None],
+    *,
+    precision: Float[np.ndarray, "term term"] | None = None,
+    near: bool = False,
 ) -> Fit:
     """Maximises the posterior density.
 
@@ -147,37 +159,93 @@ def fit(
         prior: means of the Gaussian priors.
         sigma: their standard deviations; infinite for none, 0 to hold a parameter.
         progress: told about every step.
+        precision: of the derivatives' prior where that is not diagonal, as after another flight;
+            their `sigma` only says which are held.
+        near: whether `first` is near what is sought, so that the last stage is enough.
     """
-    problem = _Problem(model, flight, first, prior, sigma)
-    point = problem.smoothed(problem.flat(first), flight.nominal, rounds=3)
-    history, converged, damping = [point.objective], False, 0.1
-    for number, stage in enumerate(STAGES, 1):
-        free, changes, before = problem.free(stage), [], None
-        for index in range(stage.steps):
-            progress(f"stage {number}, step {index + 1}: log-likelihood {-point.objective:.1f}")
-            slope = problem.slope(point)
-            if before is not None:
-                changes.append((point.values - before[0], slope - before[1]))
-            before = (point.values, slope)
-            curvature = problem.curvature(point, intensities=stage.intensities)
-            found, damping = _improved(
-                problem,
-                point,
-                slope,
-                _corrected(curvature, free, changes),
-                free,
-                damping,
-            )
-            if found is None:
-                converged = True
-                break
-            gained = point.objective - found.objective
-            point = found
-            history.append(point.objective)
-            converged = gained < stage.gain
-            if converged:
-                break
+    problem = _Problem(model, flight, first, prior, sigma, precision)
+    values = problem.flat(first)
+    history: list[float] = []
+    if not near:
+        part = most_controlled(flight, STRETCH)
+        early = problem
+        if part is not flight:
+            early = _Problem(model, part, first, prior, sigma, precision)
+        point = early.smoothed(values, early.flight.nominal, rounds=3)
+        for number, stage in enumerate(STAGES[:-1], 1):
+            point, _ = _climbed(early, point, stage, history, f"stage {number}", progress)
+        values = point.values
+    point = problem.smoothed(values, flight.nominal, rounds=3)
+    point, converged = _climbed(problem, point, STAGES[-1], history, "whole flight", progress)
     return problem.result(point, tuple(history), converged)
+
+
+def _climbed(
+    problem: _Problem,
+    point: _Point,
+    stage: Stage,
+    history: list[float],
+    name: str,
+    progress: Callable[[str], None],
+) -> tuple[_Point, bool]:
+    """The point where a stage ends, and whether nothing more was to be gained.
+
+    Args:
+        problem: flight, model and priors.
+        point: where to begin.
+        stage: what may move.
+        history: negative log posteriors, appended to.
+        name: of the stage, for `progress`.
+        progress: told about every step.
+    """
+    free, changes, before, damping = problem.free(stage), [], None, 0.1
+    curvature = np.zeros((0, 0))
+    history.append(point.objective)
+    for index in range(stage.steps):
+        progress(f"{name}, step {index + 1}: log-likelihood {-point.objective:.1f}")
+        slope = problem.slope(point)
+        if before is not None:
+            changes.append((point.values - before[0], slope - before[1]))
+        before = (point.values, slope)
+        if index % RENEWED == 0:
+            curvature = problem.curvature(point, intensities=stage.intensities)
+        found, damping = _improved(
+            problem, point, slope, _corrected(curvature, free, changes), free, damping
+        )
+        if found is None:
+            return point, True
+        gained = point.objective - found.objective
+        point = found
+        history.append(point.objective)
+        if gained < stage.gain:
+            return point, True
+    return point, False
+
+
+def most_controlled(flight: Flight, count: int) -> Flight:
+    """The stretch of `count` rows where the controls moved most; the flight if it is no longer.
+
+    The one with the greatest product of the controls' shares of movement, so that none is left out.
+    """
+    if flight.rows.step.shape[0] <= count:
+        return flight
+    moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
+    moved[0] = 0.0
+    moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
+    sums = np.cumsum(moved, axis=0)
+    share = (sums[count:] - sums[:-count]) / np.maximum(sums[-1], 1e-12)
+    start = int(np.argmax(np.sum(np.log(np.maximum(share, 1e-6)), axis=1)))
+    return cut(flight, slice(start, start + count))
+
+
+def cut(flight: Flight, rows: slice) -> Flight:
+    """A stretch of a flight, before which no more is believed than before its first row."""
+    taken, nominal = jax.tree.map(lambda part: part[rows], (flight.rows, flight.nominal))
+    first = jax.tree.map(lambda part: part[0], nominal)
+    step = np.array(taken.step)
+    step[0] = 0.0
+    beginning = Beginning(first, flight.beginning.covariance)
+    return Flight(taken._replace(step=step), nominal, beginning)
 
 
 def _corrected(
@@ -231,7 +299,13 @@ class _Problem:
     """A flight, its model and its priors as functions of one flat vector."""
 
     def __init__(
-        self, model: FlightModel, flight: Flight, first: Unknowns, prior: Unknowns, sigma: Unknowns
+        self,
+        model: FlightModel,
+        flight: Flight,
+        first: Unknowns,
+        prior: Unknowns,
+        sigma: Unknowns,
+        precision: Float[np.ndarray, "term term"] | None = None,
     ) -> None:
         self.model, self.flight = model, flight
         self._unravel = ravel_pytree(first)[1]
@@ -239,7 +313,10 @@ class _Problem:
         self._prior, self._sigma = self.flat(prior), self.flat(sigma)
         held = self._sigma == 0.0
         self._held = held
-        self._weight = np.where(held, 0.0, 1.0 / np.where(held, 1.0, self._sigma) ** 2)
+        self._weight = np.diag(np.where(held, 0.0, 1.0 / np.where(held, 1.0, self._sigma) ** 2))
+        if precision is not None:
+            count = len(precision)
+            self._weight[:count, :count] = precision
 
     def flat(self, unknowns: Unknowns) -> Float[np.ndarray, " parameter"]:
         return np.asarray(ravel_pytree(unknowns)[0])
@@ -270,14 +347,14 @@ class _Problem:
         start = aided_smoother.belief(self.flight.beginning, chunks)
         density = aided_smoother.log_likelihood(self.model, means, logs, chunks, start)
         away = values - self._prior
-        penalty = 0.5 * float(np.sum(self._weight * away**2))
+        penalty = 0.5 * float(away @ self._weight @ away)
         return _Point(values, nominal, chunks, start, penalty - density)
 
     def slope(self, point: _Point) -> Float[np.ndarray, " parameter"]:
         """Gradient of the objective."""
         means, logs = self.unknowns(point.values)
         parts = aided_smoother.gradient(self.model, means, logs, point.chunks, point.start)
-        return self._weight * (point.values - self._prior) - self.flat(Unknowns(*parts))
+        return self._weight @ (point.values - self._prior) - self.flat(Unknowns(*parts))
 
     def curvature(
         self, point: _Point, *, intensities: bool
@@ -291,7 +368,7 @@ class _Problem:
                 with the air of the smoothed flight.
         """
         means, logs = self.unknowns(point.values)
-        total = np.diag(self._weight)
+        total = self._weight.copy()
         count = self.mean_count
         total[:count, :count] += aided_smoother.information(
             self.model, means, logs, point.chunks, point.start, air_known=not intensities
@@ -350,7 +427,7 @@ class _Problem:
         keys = derivative_keys(unknowns.means.aerodynamics)
         chosen = np.arange(len(keys))
         count = self.mean_count
-        alone = curvature[:count, :count] - np.diag(self._weight[:count])
+        alone = curvature[:count, :count] - self._weight[:count, :count]
         return Fit(
             unknowns=unknowns,
             deviation=self.unknowns(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),

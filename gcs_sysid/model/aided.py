@@ -56,6 +56,9 @@ ROWS: dict[str, slice] = {
 ROW_COUNT = 15
 ATTITUDE_ERROR_TIME = 20.0
 """Correlation time of an autopilot's attitude error [s]."""
+UNBELIEVED = 3.0
+"""White noise of acceleration and angular acceleration where the equations are not to be believed
+[m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -161,6 +164,8 @@ class Row(NamedTuple):
         gyro: angular rate [rad/s].
         accelerometer: specific force [m/s²].
         inertial: whether these two were measured.
+        modelled: whether the equations are to be believed. Where they are not, the flight follows
+            its sensors, and says nothing about the aerodynamics.
         measured: the other sensors.
     """
 
@@ -173,6 +178,7 @@ class Row(NamedTuple):
     gyro: Float[Array, "*sample axis"]
     accelerometer: Float[Array, "*sample axis"]
     inertial: Bool[Array, "*sample"]
+    modelled: Bool[Array, "*sample"]
     measured: Measurements
 
 
@@ -286,6 +292,12 @@ def _slope(
     )
 
 
+def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " state"]:
+    """Rate of change of the error state in the middle of a row's step, but for what decays."""
+    change, rate = _change(aircraft, means, state, row, 1)
+    return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - 9)])
+
+
 def advance(
     aircraft: Aircraft, means: Means, turbulence: Turbulence, state: State, row: Row
 ) -> State:
@@ -350,7 +362,8 @@ def present_rows(row: Row) -> Bool[Array, " row"]:
         [
             jnp.repeat(flag[None], count, total_repeat_length=count)
             for flag, count in (
-                (row.inertial, 6),
+                (row.inertial, 3),
+                (row.inertial & row.modelled, 3),
                 (airspeed, 1),
                 (velocity, 3),
                 (attitude, 3),
@@ -394,11 +407,12 @@ def process(
     return step / 6.0 * (late + 4.0 * middle + early)
 
 
-def half_of(transition: Float[Array, "state state"]) -> Float[Array, "state state"]:
-    """Transition over half the step: the root, by its series."""
-    unit = jnp.eye(SIZE)
-    change = transition - unit
-    return unit + change @ (unit / 2.0 - change @ (unit / 8.0 - change / 16.0))
+def _doubted(noise: Noise, row: Row) -> Noise:
+    """Intensities of a row's step."""
+    return noise._replace(
+        force=jnp.where(row.modelled, noise.force, UNBELIEVED),
+        moment=jnp.where(row.modelled, noise.moment, UNBELIEVED),
+    )
 
 
 def process_density(noise: Noise) -> Float[Array, " state"]:
@@ -519,7 +533,7 @@ def linearise(
     return Linearised(
         transition=half @ half,
         offset=difference(moved, after),
-        process=process(half, row.step, noise),
+        process=process(half, row.step, _doubted(noise, row)),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

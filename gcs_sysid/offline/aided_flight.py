@@ -25,6 +25,8 @@ from gcs_sysid.recording import Recording
 
 HOLE = 1.5
 """A step longer than this many usual ones is a hole, and is filled with rows without data."""
+LONGEST_STEP = 0.034
+"""Of one row [s]: two thirds of the roll mode's time constant of a small aircraft."""
 SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken."""
 SPIN = 0.06
@@ -54,7 +56,13 @@ START_DEVIATION = np.array(
 
 
 def prepare(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Flight:
-    """Rows of the aided filter on the inertial unit's clock, holes filled."""
+    """Rows of the aided filter on the inertial unit's clock, holes filled.
+
+    Args:
+        recording: the telemetry, of which servo outputs and engines are read.
+        aircraft: its controls and engines.
+        states: the kinematic reconstruction: sensors on one clock, and a first guess.
+    """
     kept, time = _without_holes(states.time)
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
@@ -70,6 +78,7 @@ def prepare(recording: Recording, aircraft: Aircraft, states: Reconstruction) ->
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
+        modelled=np.ones(time.size, dtype=bool),
         measured=_measured(data, kept, time.size),
     )
     nominal = _nominal(states, time)
@@ -82,13 +91,15 @@ def kept_rows(states: Reconstruction) -> np.ndarray:
     return _without_holes(states.time)[0]
 
 
+def doubted(flight: Flight, rows: Bool[np.ndarray, " row"]) -> Flight:
+    """The flight with some rows about which the model is not asked: held-out maneuvers."""
+    return replace(flight, rows=flight.rows._replace(modelled=flight.rows.modelled & ~rows))
+
+
 def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
-    """The aircraft with these aerodynamic terms; tables of its file stay."""
+    """The aircraft with these aerodynamic terms and no others."""
     models = {
-        name: CoefficientModel(
-            {key: Value(value, 0.0) for key, value in values.items()},
-            aircraft.aerodynamics[name].tables if name in aircraft.aerodynamics else (),
-        )
+        name: CoefficientModel({key: Value(value, 0.0) for key, value in values.items()})
         for name, values in terms.items()
     }
     return replace(aircraft, aerodynamics=models)
@@ -216,10 +227,14 @@ def beliefs(
 def _without_holes(
     time: Float[np.ndarray, " sample"],
 ) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:
-    """Rows of the samples among all rows, and the times of all rows."""
+    """Rows of the samples among all rows, and the times of all rows.
+
+    Slow telemetry is stepped through in as many steps as the fastest mode asks for.
+    """
     steps = np.diff(time)
     usual = float(np.median(steps))
-    added = np.where(steps > HOLE * usual, np.rint(steps / usual).astype(int), 1)
+    parts = int(np.ceil(usual / LONGEST_STEP - 0.1))
+    added = np.where(steps > HOLE * usual, parts * np.rint(steps / usual).astype(int), parts)
     row = np.concatenate([[0], np.cumsum(added)])
     return row, np.interp(np.arange(row[-1] + 1), row, time)
 

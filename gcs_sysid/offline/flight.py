@@ -46,6 +46,8 @@ class Flight:
 
     Attributes:
         recording: its telemetry.
+        aircraft: as flown: what was measured of the surfaces is no longer looked up, controls
+            whose servo outputs the log lacks are taken out.
         absent: controls whose servo outputs the log lacks.
         segments: its maneuvers.
         airborne: length of wing-borne flight [s].
@@ -59,6 +61,7 @@ class Flight:
     """
 
     recording: Recording
+    aircraft: Aircraft
     absent: tuple[str, ...]
     segments: tuple[Segment, ...]
     airborne: float
@@ -166,6 +169,7 @@ def read(
         latency = Delay(latency.value, wide, found=True)
     return Flight(
         recording=recording,
+        aircraft=flown,
         absent=absent,
         segments=found,
         airborne=float(sum(end - start for start, end in intervals)),
@@ -196,22 +200,16 @@ def _measured(
     delay: Delay | Bool[np.ndarray, " sample"],
 ) -> tuple[Samples, Delay]:
     """Coefficients with the surfaces delayed as known, or as found on the given samples."""
-    stream = recording.streams[SERVO_STREAM]
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
 
-    def deflections(late: float) -> dict[str, Float[np.ndarray, " sample"]]:
-        time, sent = pulses(stream, control_channels(aircraft))
-        moved = actuators.controls(aircraft, sent, time, at=states.time, extra_delay=late)
-        return {
-            name: np.broadcast_to(np.asarray(value), states.time.shape)
-            for name, value in moved.items()
-        }
+    def moved(late: float) -> dict[str, Float[np.ndarray, " sample"]]:
+        return deflections(recording, aircraft, states.time, late)
 
     def measured(late: float) -> Samples:
         return coefficients.measure(
             states,
             aircraft,
-            controls=deflections(late),
+            controls=moved(late),
             thrust=thrust(recording, aircraft, states),
             refused=refused,
         )
@@ -220,12 +218,21 @@ def _measured(
         return measured(delay.value), delay
     found = surface_delay(
         measured(stated.delay),
-        deflections,
+        moved,
         delay,
         stated=stated.delay,
         stated_sigma=stated.sigma,
     )
     return measured(found.value), found
+
+
+def deflections(
+    recording: Recording, aircraft: Aircraft, time: Float[np.ndarray, " sample"], late: float
+) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Every control [rad] at given times, the surfaces `late` [s] behind what their servos do."""
+    sent_at, sent = pulses(recording.streams[SERVO_STREAM], control_channels(aircraft))
+    moved = actuators.controls(aircraft, sent, sent_at, at=time, extra_delay=late)
+    return {name: np.broadcast_to(np.asarray(value), time.shape) for name, value in moved.items()}
 
 
 def _deliberate(segments: Sequence[Segment]) -> list[Segment]:

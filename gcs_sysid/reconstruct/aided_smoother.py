@@ -24,9 +24,11 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
 from gcs_sysid.reconstruct import linear_filter
-from gcs_sysid.reconstruct.linear_filter import Belief, Information
+from gcs_sysid.reconstruct.linear_filter import Belief, Filtered, Information
 
 CHUNK = 2000
+BATCH = 400
+"""Rows that are differentiated together: what they need in between stays in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,37 +101,53 @@ def _pulled_back(
         beginning and the end of each row's step.
     """
 
-    def matrices(values: Means, logs: Noise, before: Array, after: Array) -> Linearised:
-        moved = Chunk(_composed(chunk.before, before), _composed(chunk.after, after), chunk.row)
+    def matrices(
+        part: Chunk, values: Means, logs: Noise, before: Array, after: Array
+    ) -> Linearised:
+        moved = Chunk(_composed(part.before, before), _composed(part.after, after), part.row)
         rows = linearised(model, values, logs, moved)
         return rows._replace(present=rows.present.astype(rows.residual.dtype))
 
-    zero = jnp.zeros((chunk.row.step.shape[0], aided.SIZE))
-    _, pull_back = jax.vjp(matrices, means, log_noise, zero, zero)
-    return pull_back(slope)
+    def pulled(item: tuple[Chunk, Linearised]) -> tuple[Means, Noise, Array, Array]:
+        part, of_part = item
+        zero = jnp.zeros((part.row.step.shape[0], aided.SIZE))
+        _, pull_back = jax.vjp(partial(matrices, part), means, log_noise, zero, zero)
+        return pull_back(of_part)
+
+    count = chunk.row.step.shape[0]
+    size = BATCH if count % BATCH == 0 else count
+    batches = jax.tree.map(
+        lambda part: part.reshape(count // size, size, *part.shape[1:]), (chunk, slope)
+    )
+    *parameters, before, after = jax.lax.map(pulled, batches)
+    total = jax.tree.map(partial(jnp.sum, axis=0), parameters)
+    return *total, before.reshape(count, -1), after.reshape(count, -1)
 
 
 @partial(jax.jit, static_argnums=0)
 def _sensitivities(
-    model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk
+    model: FlightModel, means: Means, chunk: Chunk, rows: Linearised
 ) -> tuple[Float[Array, "sample state parameter"], Float[Array, "sample row parameter"]]:
-    """Change of each row's offset and residual with every parameter of the mean."""
-    flat, unravel = ravel_pytree(means)
-    turbulence = positive(log_noise).turbulence
+    """Change of each row's offset and residual with every parameter of the mean.
 
-    def one(part: Chunk) -> tuple[Array, Array]:
+    That of the offset is the change of what the step adds in its middle, which half a transition,
+    to its first order, carries to the step's end.
+    """
+    flat, unravel = ravel_pytree(means)
+
+    def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
+        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
+
         def ahead(values: Float[Array, " parameter"]) -> Float[Array, " state"]:
-            moved = aided.advance(
-                model.aircraft, unravel(values), turbulence, part.before, part.row
-            )
-            return aided.difference(moved, part.after)
+            return part.row.step * aided.motion(model.aircraft, unravel(values), middle, part.row)
 
         def seen(values: Float[Array, " parameter"]) -> Float[Array, " row"]:
             return aided.innovation(model.aircraft, unravel(values), part.after, part.row)
 
-        return jax.jacfwd(ahead)(flat), jax.jacfwd(seen)(flat)
+        added = jax.jacfwd(ahead)(flat)
+        return 0.5 * (added + transition @ added), jax.jacfwd(seen)(flat)
 
-    return jax.vmap(one)(chunk)
+    return jax.vmap(one)(chunk, rows.transition)
 
 
 @jax.jit
@@ -195,30 +213,27 @@ def gradient(
     been smoothed anew, and a search would end where nothing is largest.
     """
     rows = [linearised(model, means, log_noise, chunk) for chunk in flight]
-    starts = [start]
+    starts, steps = [start], []
     for piece in rows:
-        starts.append(linear_filter.likelihood(starts[-1], piece)[0])
+        end, done = linear_filter.run(starts[-1], piece)
+        starts.append(end)
+        steps.append(done)
     later = jax.tree.map(jnp.zeros_like, start)
-    slopes, before, after = [], [], []
-    for chunk, piece, begun in zip(
-        reversed(flight), reversed(rows), reversed(starts[:-1]), strict=True
-    ):
-        later, slope = linear_filter.adjoint(begun, piece, later)
-        _, _, *nominal = _pulled_back(model, means, log_noise, chunk, slope)
+    slopes = []
+    for begun, piece, done in zip(starts[-2::-1], rows[::-1], steps[::-1], strict=True):
+        later, slope = linear_filter.adjoint(begun, piece, done, later)
         slopes.append(slope)
-        before.append(nominal[0])
-        after.append(nominal[1])
     slopes.reverse()
-    force = _force(before[::-1], after[::-1], later)
-    moved = _moved(starts, rows, force)
-    total: tuple[Means, Noise] | None = None
-    for chunk, *parts in zip(flight, slopes, moved, strict=True):
-        slope = jax.tree.map(jnp.add, *parts)
-        part = _pulled_back(model, means, log_noise, chunk, slope)[:2]
-        total = part if total is None else jax.tree.map(jnp.add, total, part)
-    if total is None:
-        raise ValueError("a flight needs at least one chunk")
-    return total
+    pull = partial(_pulled_back, model, means, log_noise)
+    of_nominal = [pull(chunk, slope) for chunk, slope in zip(flight, slopes, strict=True)]
+    force = _force([part[2] for part in of_nominal], [part[3] for part in of_nominal], later)
+    moved = _moved(starts, rows, steps, force)
+    total = [
+        pull(chunk, jax.tree.map(jnp.add, *parts))[:2]
+        for chunk, *parts in zip(flight, slopes, moved, strict=True)
+    ]
+    means_slope, noise_slope = jax.tree.map(lambda *parts: sum(parts), *total)
+    return means_slope, noise_slope
 
 
 def _force(
@@ -240,20 +255,30 @@ def _force(
 
 
 def _moved(
-    starts: Sequence[Belief], rows: Sequence[Linearised], force: Sequence[Array]
+    starts: Sequence[Belief],
+    rows: Sequence[Linearised],
+    steps: Sequence[Filtered],
+    force: Sequence[Array],
 ) -> list[Linearised]:
     """Gradient of Σ forceᵀ (smoothed flight) with respect to the matrices, in chunks."""
-    means = [jnp.zeros_like(starts[0].mean)]
-    for start, piece, pull in zip(starts[:-1], rows, force, strict=True):
-        _, done = linear_filter.run(start, piece)
-        means.append(linear_filter.push(means[-1], piece, done, pull)[0])
     zero = jnp.zeros_like(starts[0].mean)
+    means, answers = [zero], []
+    for piece, done, pull in zip(rows, steps, force, strict=True):
+        mean, pushed = linear_filter.push(means[-1], piece, done, pull)
+        means.append(mean)
+        answers.append(pushed)
     later = (zero, zero)
     slopes = []
-    for start, mean, piece, pull in zip(
-        reversed(starts[:-1]), reversed(means[:-1]), reversed(rows), reversed(force), strict=True
-    ):
-        later, slope = linear_filter.implicit(start, mean, piece, pull, later)
+    for index in reversed(range(len(rows))):
+        later, slope = linear_filter.implicit(
+            starts[index],
+            means[index],
+            rows[index],
+            steps[index],
+            answers[index],
+            force[index],
+            later,
+        )
         slopes.append(slope)
     return slopes[::-1]
 
@@ -282,18 +307,23 @@ def information(
             still far off.
     """
     count = ravel_pytree(means)[0].size
+    rows = [linearised(model, means, log_noise, chunk) for chunk in flight]
+    known: Sequence[Chunk] = flight
+    if not air_known:
+        known, begun = [], start
+        for chunk, piece in zip(flight, rows, strict=True):
+            end, done = linear_filter.run(begun, piece)
+            known.append(_as_predicted(chunk, begun, done))
+            begun = end
     sofar = Information(start, jnp.zeros((aided.SIZE, count)), jnp.zeros((count, count)))
-    for chunk in flight:
-        rows = linearised(model, means, log_noise, chunk)
-        known = chunk if air_known else _as_predicted(chunk, sofar.belief, rows)
-        motion, seen = _sensitivities(model, means, log_noise, known)
-        sofar = linear_filter.inform(sofar, rows, motion, seen)
+    for chunk, piece in zip(known, rows, strict=True):
+        motion, seen = _sensitivities(model, means, chunk, piece)
+        sofar = linear_filter.inform(sofar, piece, motion, seen)
     return np.asarray(sofar.matrix)
 
 
-def _as_predicted(chunk: Chunk, start: Belief, rows: Linearised) -> Chunk:
+def _as_predicted(chunk: Chunk, start: Belief, done: Filtered) -> Chunk:
     """A chunk about the states that the filter expects before each sample."""
-    _, done = linear_filter.run(start, rows)
     updated = jnp.concatenate([start.mean[None], done.updated.mean[:-1]])
     return Chunk(
         _composed(chunk.before, updated), _composed(chunk.after, done.predicted.mean), chunk.row
@@ -304,21 +334,21 @@ def smooth(
     model: FlightModel, means: Means, log_noise: Noise, flight: Sequence[Chunk], start: Belief
 ) -> Smoothed:
     """Smooths a flight about its nominal; padding rows are kept."""
-    begun, innovations, rows = [start], [], []
-    for chunk in flight:
-        rows.append(linearised(model, means, log_noise, chunk))
-        end, done = linear_filter.run(begun[-1], rows[-1])
+    rows = [linearised(model, means, log_noise, chunk) for chunk in flight]
+    begun, steps = [start], []
+    for piece in rows:
+        end, done = linear_filter.run(begun[-1], piece)
         begun.append(end)
-        innovations.append((np.asarray(done.log_likelihood), np.asarray(done.whitened)))
+        steps.append(done)
     later, pieces = begun[-1], []
-    for piece, first in zip(reversed(rows), reversed(begun[:-1]), strict=True):
-        _, done = linear_filter.run(first, piece)
+    for piece, first, done in zip(rows[::-1], begun[-2::-1], steps[::-1], strict=True):
         later, smoothed = linear_filter.smooth(later, first, piece, done)
         pieces.append(jax.tree.map(np.asarray, smoothed))
     pieces.reverse()
     return Smoothed(
         Belief(*(np.concatenate(part) for part in zip(*pieces, strict=True))),
-        *(np.concatenate(part) for part in zip(*innovations, strict=True)),
+        np.concatenate([done.log_likelihood for done in steps]),
+        np.concatenate([done.whitened for done in steps]),
     )
 
 

@@ -121,30 +121,88 @@ def likelihood(start: Belief, rows: Linearised) -> tuple[Belief, Float[Array, ""
 
 
 @jax.jit
-def adjoint(start: Belief, rows: Linearised, later: Belief) -> tuple[Belief, Linearised]:
-    """Gradient of the log-likelihood from this chunk on.
+def adjoint(
+    start: Belief, rows: Linearised, done: Filtered, later: Belief
+) -> tuple[Belief, Linearised]:
+    """Gradient of the log-likelihood from this chunk on, by one backward sweep.
+
+    With S = L Lᵀ, U = L⁻¹H, G = L⁻¹HP⁻, w = L⁻¹ν and J = I − GᵀU, the gradients λ⁺, Λ⁺ with respect
+    to an updated mean and covariance become those with respect to the predicted ones,
+
+        λ⁻ = Jᵀλ⁺ + Uᵀw        Λ⁻ = JᵀΛ⁺J + ½ (Jᵀλ⁺ wᵀU + Uᵀw λ⁺ᵀJ + Uᵀ(wwᵀ − I)U)
+
+    and Φᵀλ⁻, ΦᵀΛ⁻Φ those of the step before. Every matrix's gradient follows from them.
 
     Args:
         start: belief at the chunk's beginning.
         rows: the chunk.
+        done: the filter's steps over it.
         later: gradient of what follows with respect to the belief at the chunk's end.
 
     Returns:
         Gradient with respect to `start`, and to every matrix of the chunk.
     """
-    smooth_part = rows._replace(present=rows.present.astype(rows.residual.dtype))
+    unit = _whitened_sensitivity(rows, done)
 
-    def total(belief: Belief, matrices: Linearised) -> tuple[Belief, Float[Array, ""]]:
-        @jax.checkpoint
-        def ahead(now: Belief, row: Linearised) -> tuple[Belief, Float[Array, ""]]:
-            done = step(now, row)
-            return done.updated, done.log_likelihood
+    def back(after: Belief, item: tuple[Array, ...]) -> tuple[Belief, tuple[Belief, Belief]]:
+        transition, seen, gain, white = item
+        pull = after.mean - seen.T @ (gain @ after.mean)
+        told = seen.T @ white
+        left = after.covariance - seen.T @ (gain @ after.covariance)
+        left = left - (left @ gain.T) @ seen
+        mixed = pull[:, None] * told[None, :]
+        spread = left + 0.5 * (mixed + mixed.T + told[:, None] * told[None, :] - seen.T @ seen)
+        mean = pull + told
+        earlier = Belief(transition.T @ mean, transition.T @ spread @ transition)
+        return earlier, (after, Belief(mean, spread))
 
-        end, each = jax.lax.scan(ahead, belief, matrices)
-        return end, jnp.sum(each)
+    earlier, (updated, predicted) = jax.lax.scan(
+        back, later, (rows.transition, unit, done.gain, done.whitened), reverse=True
+    )
+    before = _before(start, done)
 
-    _, pull_back = jax.vjp(total, start, smooth_part)
-    return pull_back((later, jnp.ones(())))
+    def of_matrices(
+        row: Linearised, step_: Filtered, begun: Belief, plus: Belief, minus: Belief
+    ) -> Linearised:
+        gain, white = step_.gain, step_.whitened
+        answer = gain @ plus.mean
+        both = answer[:, None] * white[None, :]
+        of_spread = 0.5 * (
+            white[:, None] * white[None, :] - jnp.eye(white.size) - both - both.T
+        ) + (gain @ plus.covariance @ gain.T)
+        of_seen = (
+            (white - answer)[:, None] * step_.predicted.mean[None, :]
+            + 2.0 * of_spread @ gain
+            + white[:, None] * (step_.predicted.covariance @ plus.mean)[None, :]
+            - 2.0 * gain @ plus.covariance @ step_.predicted.covariance
+        )
+        inverse = jax.scipy.linalg.solve_triangular(step_.factor, jnp.eye(white.size), lower=True)
+        return Linearised(
+            transition=minus.mean[:, None] * begun.mean[None, :]
+            + 2.0 * minus.covariance @ row.transition @ begun.covariance,
+            offset=minus.mean,
+            process=minus.covariance,
+            sensitivity=inverse.T @ of_seen,
+            residual=inverse.T @ (answer - white),
+            variance=jnp.sum((of_spread @ inverse) * inverse, axis=0),
+            present=jnp.zeros_like(row.residual),
+        )
+
+    return earlier, jax.vmap(of_matrices)(rows, done, before, updated, predicted)
+
+
+def _whitened_sensitivity(rows: Linearised, done: Filtered) -> Float[Array, "sample row state"]:
+    """L⁻¹H, where L is the Cholesky factor of the innovation's covariance."""
+    solve = partial(jax.scipy.linalg.solve_triangular, lower=True)
+    return jax.vmap(solve)(done.factor, rows.sensitivity)
+
+
+def _before(start: Belief, done: Filtered) -> Belief:
+    """Belief at the beginning of every step of a chunk."""
+    return Belief(
+        jnp.concatenate([start.mean[None], done.updated.mean[:-1]]),
+        jnp.concatenate([start.covariance[None], done.updated.covariance[:-1]]),
+    )
 
 
 class Pushed(NamedTuple):
@@ -194,6 +252,8 @@ def implicit(
     start: Belief,
     mean: Float[Array, " state"],
     rows: Linearised,
+    done: Filtered,
+    pushed: Pushed,
     force: Float[Array, "sample state"],
     later: tuple[Float[Array, " state"], Float[Array, " state"]],
 ) -> tuple[tuple[Float[Array, " state"], Float[Array, " state"]], Linearised]:
@@ -209,17 +269,15 @@ def implicit(
         start: belief at the chunk's beginning.
         mean: answer to the forces there, of `push`.
         rows: the chunk.
+        done: the filter's steps over it.
+        pushed: answers to the forces over it.
         force: on each row's deviation.
         later: λ of the data and of the forces at the next chunk's first row, carried back.
 
     Returns:
         `later` of the chunk before, and the gradient.
     """
-    _, done = run(start, rows)
-    _, pushed = push(mean, rows, done, force)
-    unit = jax.vmap(partial(jax.scipy.linalg.solve_triangular, lower=True))(
-        done.factor, rows.sensitivity
-    )
+    unit = _whitened_sensitivity(rows, done)
 
     def back(
         after: tuple[Array, Array], item: tuple[Array, ...]
@@ -276,10 +334,7 @@ def smooth(later: Belief, start: Belief, rows: Linearised, done: Filtered) -> tu
     Returns:
         Smoothed belief at the chunk's beginning, and at each of its rows.
     """
-    before = Belief(
-        jnp.concatenate([start.mean[None], done.updated.mean[:-1]]),
-        jnp.concatenate([start.covariance[None], done.updated.covariance[:-1]]),
-    )
+    before = _before(start, done)
 
     def back(
         ahead: Belief, item: tuple[Belief, Belief, Float[Array, "state state"]]
@@ -353,7 +408,7 @@ def spread_change(
     _, done = run(start, rows)
     none = jnp.zeros_like(rows.residual)
     moved = jax.tree.map(jnp.subtract, other._replace(present=none), rows._replace(present=none))
-    before = jnp.concatenate([start.covariance[None], done.updated.covariance[:-1]])
+    before = _before(start, done).covariance
 
     def ahead(
         change: Float[Array, "state state"], item: tuple[Linearised, Linearised, Filtered, Array]

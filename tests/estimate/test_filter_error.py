@@ -149,6 +149,7 @@ def empty(elevator: np.ndarray) -> Row:
         gyro=np.zeros((COUNT, 3)),
         accelerometer=np.zeros((COUNT, 3)),
         inertial=np.ones(COUNT, dtype=bool),
+        modelled=np.ones(COUNT, dtype=bool),
         measured=Measurements(
             airspeed=np.zeros((COUNT, 1)),
             velocity=np.zeros((COUNT, 3)),

@@ -95,10 +95,12 @@ def test_the_smoother_is_the_conditional_of_the_joint_density() -> None:
 def test_the_adjoint_is_the_gradient_by_differences() -> None:
     start, rows = system()
     zero = jax.tree.map(jnp.zeros_like, start)
-    at_start, slope = linear_filter.adjoint(start, rows, zero)
+    _, done = linear_filter.run(start, rows)
+    at_start, slope = linear_filter.adjoint(start, rows, done, zero)
     rng = np.random.default_rng(3)
-    for name in ("transition", "offset", "sensitivity", "residual", "variance"):
-        along = jnp.asarray(rng.standard_normal(getattr(rows, name).shape))
+    for name in ("transition", "offset", "process", "sensitivity", "residual", "variance"):
+        draw = rng.standard_normal(getattr(rows, name).shape)
+        along = jnp.asarray(draw + np.swapaxes(draw, 1, 2) if name == "process" else draw)
 
         def moved(by: float, name: str = name, along: jax.Array = along) -> float:
             changed = rows._replace(**{name: getattr(rows, name) + by * along})
@@ -108,26 +110,29 @@ def test_the_adjoint_is_the_gradient_by_differences() -> None:
         # Central differences of a value of about 50 in float64.
         exact = float(jnp.sum(getattr(slope, name) * along))
         assert exact == pytest.approx(numeric, rel=1e-6, abs=1e-6)
-    along = jnp.asarray(rng.standard_normal(STATES))
+    draw = rng.standard_normal((STATES, STATES))
+    along = Belief(jnp.asarray(rng.standard_normal(STATES)), jnp.asarray(draw + draw.T))
 
     def started(by: float) -> float:
-        return float(
-            linear_filter.likelihood(start._replace(mean=start.mean + by * along), rows)[1]
-        )
+        begun = jax.tree.map(lambda part, way: part + by * way, start, along)
+        return float(linear_filter.likelihood(begun, rows)[1])
 
     numeric = (started(1e-6) - started(-1e-6)) / 2e-6
-    assert float(at_start.mean @ along) == pytest.approx(numeric, rel=1e-6, abs=1e-6)
+    exact = sum(float(jnp.sum(part)) for part in jax.tree.map(jnp.multiply, at_start, along))
+    assert exact == pytest.approx(numeric, rel=1e-6, abs=1e-6)
 
 
 def test_two_chunks_have_the_gradient_of_one() -> None:
     start, rows = system()
     zero = jax.tree.map(jnp.zeros_like, start)
-    _, whole = linear_filter.adjoint(start, rows, zero)
+    _, done = linear_filter.run(start, rows)
+    _, whole = linear_filter.adjoint(start, rows, done, zero)
     first = jax.tree.map(lambda part: part[:4], rows)
     second = jax.tree.map(lambda part: part[4:], rows)
-    middle, _ = linear_filter.likelihood(start, first)
-    carried, late = linear_filter.adjoint(middle, second, zero)
-    _, early = linear_filter.adjoint(start, first, carried)
+    middle, before = linear_filter.run(start, first)
+    after = linear_filter.run(middle, second)[1]
+    carried, late = linear_filter.adjoint(middle, second, after, zero)
+    _, early = linear_filter.adjoint(start, first, before, carried)
     for one, parts in zip(whole, zip(early, late, strict=True), strict=True):
         np.testing.assert_allclose(one, np.concatenate(parts), atol=1e-10)
 
@@ -171,9 +176,13 @@ def test_the_smoothed_flight_moves_with_the_matrices_as_the_adjoint_says() -> No
     cut = [jax.tree.map(lambda part, s=s: part[s], rows) for s in (slice(half), slice(half, None))]
     pulls = [force[:half], force[half:]]
     middle, done = linear_filter.run(start, cut[0])
-    mean, _ = linear_filter.push(zero, cut[0], done, pulls[0])
-    later, second = linear_filter.implicit(middle, mean, cut[1], pulls[1], (zero, zero))
-    _, first = linear_filter.implicit(start, zero, cut[0], pulls[0], later)
+    _, late = linear_filter.run(middle, cut[1])
+    mean, answer = linear_filter.push(zero, cut[0], done, pulls[0])
+    _, answer_late = linear_filter.push(mean, cut[1], late, pulls[1])
+    later, second = linear_filter.implicit(
+        middle, mean, cut[1], late, answer_late, pulls[1], (zero, zero)
+    )
+    _, first = linear_filter.implicit(start, zero, cut[0], done, answer, pulls[0], later)
     for name in ("transition", "offset", "process", "sensitivity", "residual", "variance"):
         found = np.concatenate([getattr(first, name), getattr(second, name)])
         expected = np.asarray(getattr(wanted, name))

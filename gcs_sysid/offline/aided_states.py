@@ -1,0 +1,120 @@
+"""States and measured coefficients of a flight as the aided filter knows them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import frames
+from gcs_sysid.estimate import coefficients
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.filter_error import Unknowns
+from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import State
+from gcs_sysid.offline import flight as flights
+from gcs_sysid.offline.flight import Flight
+from gcs_sysid.reconstruct.reconstruction import Reconstruction
+
+
+def refined(
+    one: Flight,
+    unknowns: Unknowns,
+    delay: Delay,
+    states: State,
+    covariance: Float[np.ndarray, "sample state state"],
+) -> Flight:
+    """The flight with the aided filter's states in place of the kinematic ones.
+
+    Args:
+        one: as reconstructed by kinematics.
+        unknowns: sensor errors and intensities found.
+        delay: of the surfaces, found with them.
+        states: smoothed, one a sample.
+        covariance: of their error states.
+    """
+    noise = jax.tree.map(np.exp, unknowns.log_noise)
+    sensors = unknowns.means.sensors
+    old = one.reconstruction
+    flow, spread = (np.asarray(part) for part in _felt(states, jnp.asarray(covariance)))
+    gust = np.asarray(noise.turbulence.gust)
+    known = replace(
+        old,
+        noise=old.noise._replace(
+            accelerometer=np.asarray(noise.accelerometer),
+            gyro=np.asarray(noise.gyro),
+            gust=np.array([gust[0], gust[0], gust[1]]),
+            gust_time=np.asarray(noise.turbulence.gust_time[1]),
+        ),
+        airspeed=flow[:, 0],
+        alpha=flow[:, 1],
+        beta=flow[:, 2],
+        flow_covariance=spread[:, :3, :3],
+        rate=old.data.gyro - np.asarray(sensors.gyro_bias),
+        force=old.data.accelerometer - np.asarray(sensors.accelerometer_bias),
+        euler=frames.euler_from_quaternion(np.asarray(states.attitude)),
+        wind=np.asarray(states.air.wind) + np.asarray(states.air.gust),
+    )
+    return replace(
+        one,
+        reconstruction=known,
+        delay=delay,
+        samples=_measured(one, delay, known, flow, spread),
+    )
+
+
+def _measured(
+    one: Flight,
+    delay: Delay,
+    states: Reconstruction,
+    flow: Float[np.ndarray, "sample six"],
+    spread: Float[np.ndarray, "sample six six"],
+) -> Samples:
+    """Coefficients from the inertial unit, at the air-relative motion that the filter knows."""
+    aircraft, shape = one.aircraft, one.aircraft.geometry
+    samples = coefficients.measure(
+        states,
+        aircraft,
+        controls=flights.deflections(one.recording, aircraft, states.time, delay.value),
+        thrust=flights.thrust(one.recording, aircraft, states),
+        refused=one.samples.refused,
+    )
+    lengths = np.array([shape.wing_span, shape.mean_chord, shape.wing_span])
+    unit = 0.5 * lengths / states.airspeed[:, None]
+    names = ("phat", "qhat", "rhat")
+    rates = dict(zip(names, (flow[:, 3:] * unit).T, strict=True))
+    variance = np.einsum("sii->si", spread)
+    return replace(
+        samples,
+        regressors={**samples.regressors, **rates},
+        regressor_variance={
+            "alpha": variance[:, 1],
+            "beta": variance[:, 2],
+            **dict(zip(names, (variance[:, 3:] * unit**2).T, strict=True)),
+        },
+    )
+
+
+@jax.jit
+def _felt(
+    states: State, covariance: Float[Array, "sample state state"]
+) -> tuple[Float[Array, "sample six"], Float[Array, "sample six six"]]:
+    """Airspeed, flow angles and rates that the air feels, with their covariance."""
+
+    def one(state: State, spread: Float[Array, "state state"]) -> tuple[Array, Array]:
+        def felt(error: Float[Array, " state"]) -> Float[Array, " six"]:
+            at = aided.compose(state, error)
+            through = frames.unrotate(at.attitude, at.velocity - at.air.wind - at.air.gust)
+            turning = at.rate - frames.unrotate(at.attitude, at.air.spin)
+            return jnp.concatenate([jnp.stack(frames.flow_angles(through)), turning])
+
+        zero = jnp.zeros(aided.SIZE)
+        slope = jax.jacfwd(felt)(zero)
+        return felt(zero), slope @ spread @ slope.T
+
+    return jax.vmap(one)(states, covariance)

@@ -1,0 +1,96 @@
+"""What `summary.json` tells of a fit inside the filter: the search, the air, the sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid.aircraft import StreamTiming
+from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.model import aided
+from gcs_sysid.offline.flight import SERVO_STREAM, Flight
+from gcs_sysid.reconstruct.compatibility import Estimate
+
+DELAYS = ("airspeed", "velocity", "attitude", "vanes")
+
+
+def method(fits: Sequence[Fit], reason: str | None) -> dict[str, Any]:
+    """Which method made the model, and how the search ended; why not the usual one."""
+    if not fits:
+        return {"name": "equation_error", "reason": reason}
+    return {
+        "name": "filter_error",
+        "reason": None,
+        "converged": all(fit.converged for fit in fits),
+        "log_likelihood": [-fit.objective[-1] for fit in fits],
+        "steps": [len(fit.objective) - 1 for fit in fits],
+        "innovations": [_innovations(fit) for fit in fits],
+    }
+
+
+def _innovations(fit: Fit) -> dict[str, float]:
+    """Mean square of the whitened innovations by sensor: 1 where the model tells everything."""
+    out = {}
+    for name, rows in aided.ROWS.items():
+        white = fit.smoothed.whitened[:, rows]
+        seen = white[white != 0.0]
+        if seen.size:
+            out[name] = float(np.mean(seen**2))
+    return out
+
+
+def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> None:
+    """Writes wind, gusts, sensor errors and delays that the filter found over the kinematic ones.
+
+    Args:
+        document: `reconstruction` of the summary.
+        fit: of the first flight.
+        flight: the same flight.
+    """
+    wind = np.asarray(fit.states.air.wind)
+    covariance = np.asarray(fit.smoothed.belief.covariance)[: len(wind), aided.BLOCKS["wind"]]
+    spread = np.sqrt(np.einsum("sii->si", covariance[:, :, aided.BLOCKS["wind"]]))
+    document["wind_ned"] = {
+        "value": wind.mean(axis=0),
+        "sd": spread.mean(axis=0),
+        "unit": "m/s",
+    }
+    air, relative = fit.unknowns.log_noise.turbulence, fit.deviation.log_noise.turbulence
+    for index, name in enumerate(("gust_sd", "gust_sd_vertical")):
+        size = float(np.exp(air.gust[index]))
+        document[name] = Estimate(size, size * float(relative.gust[index]), "m/s").document()
+    for index, name in enumerate(("gust_time", "gust_time_vertical")):
+        size = float(np.exp(air.gust_time[index]))
+        document[name] = Estimate(size, size * float(relative.gust_time[index]), "s").document()
+    sensors, sure = fit.unknowns.means.sensors, fit.deviation.means.sensors
+    for index, axis in enumerate("xyz"):
+        for sensor, unit in (("gyro", "rad/s"), ("accelerometer", "m/s²")):
+            document["sensor"][f"{sensor}_{axis}_bias"] = Estimate(
+                float(getattr(sensors, f"{sensor}_bias")[index]),
+                float(getattr(sure, f"{sensor}_bias")[index]),
+                unit,
+            ).document()
+    document["sensor"]["airspeed_scale"] = Estimate(
+        float(sensors.airspeed_scale), float(sure.airspeed_scale), "1"
+    ).document()
+    used = flight.reconstruction.data.used
+    for index, name in enumerate(("alpha", "beta")):
+        if "vanes" in used:
+            for part, unit in (("bias", "rad"), ("scale", "1")):
+                document["sensor"][f"{name}_{part}"] = Estimate(
+                    float(getattr(sensors, f"vane_{part}")[index]),
+                    float(getattr(sure, f"vane_{part}")[index]),
+                    unit,
+                ).document()
+    stated = flight.aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+    document["delays"][SERVO_STREAM] = Estimate(
+        stated + float(sensors.surface_delay), float(sure.surface_delay), "s"
+    ).document()
+    for name in DELAYS:
+        field = "vane_delay" if name == "vanes" else f"{name}_delay"
+        if name in used:
+            document["delays"][used[name]] = Estimate(
+                float(getattr(sensors, field)), float(getattr(sure, field)), "s"
+            ).document()
