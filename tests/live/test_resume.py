@@ -1,0 +1,153 @@
+"""What is left after a crash, and going on from there."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import InputError, SourceError
+from gcs_sysid.live import snapshot
+from gcs_sysid.live.regression import RunningModel
+from gcs_sysid.live.station import Compiled
+from gcs_sysid.sources import tlog
+from gcs_sysid.sources.link import Link
+from gcs_sysid.sources.recorder import Recorder
+from gcs_sysid.sources.stream import FrameStream
+from tests.live.conftest import Listened
+
+PATIENCE_S = 60.0
+PROGRAM = """
+import sys
+from pathlib import Path
+from gcs_sysid.live import listen, warming
+warming.warm = lambda _aircraft, _compiled: None  # these frames never leave the ground
+listen.run(
+    sys.argv[1], listen.load(Path(sys.argv[2])),
+    listen.Options(prior="none", quiet_after=1e6, resume=sys.argv[4] == "resume"),
+    out=Path(sys.argv[3]), show=lambda _document: None, stopped=lambda: False,
+    say=lambda words: print(words, flush=True),
+)
+"""
+AIRCRAFT = Path(__file__).resolve().parents[2] / "data/aircraft/ultra_stick_25e.toml"
+
+
+def started(link: str, out: Path, how: str) -> subprocess.Popen[str]:
+    words = [sys.executable, "-c", PROGRAM, link, str(AIRCRAFT), str(out), how]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+
+
+def test_a_listener_that_is_killed_loses_nothing_and_goes_on(played, tmp_path: Path) -> None:
+    """SIGKILL in the middle of a stream of frames, as a frame is written, and once more."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    path, frames = tmp_path / "recording.tlog", [frame for _, frame in played[:300]]
+    sent = 0
+    for how in ("new", "resume"):
+        process = started(f"udpin:127.0.0.1:{port}", tmp_path, how)
+        with Link(f"udpout:127.0.0.1:{port}") as vehicle:
+            until = time.monotonic() + PATIENCE_S
+            want = sent + 150
+            while len(recorded(path)) < want:
+                assert time.monotonic() < until
+                if sent < want and (sent % 150 or listening(port)):
+                    vehicle.write(frames[sent])
+                    sent += 1
+                elif sent < want:
+                    time.sleep(0.05)
+            process.send_signal(signal.SIGKILL)
+            said, _ = process.communicate(timeout=PATIENCE_S)
+        if how == "new":
+            with path.open("ab") as torn:  # the kernel was handed the half of a frame
+                torn.write(path.read_bytes()[:5] + b"\x00\x00\x00\xfd\x1c\x00")
+        else:
+            assert "recording.tlog goes on, 11 bytes of a cut frame taken off" in said
+    assert recorded(path) == frames
+    assert tlog.read(path.read_bytes()).lost["garbage_bytes"] == 0
+
+
+def recorded(path: Path) -> list[bytes]:
+    return [frame for _, frame in tlog.frames(path.read_bytes())] if path.exists() else []
+
+
+def listening(port: int) -> bool:
+    """Whether somebody holds the port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+def test_the_model_goes_on_as_it_was_kept(
+    listened: Listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
+) -> None:
+    path, kept = tmp_path / snapshot.NAME, listened.station.model
+    snapshot.save(path, kept, time_us=1234, updates=77)
+    again = RunningModel(aircraft, compiled.regressors, None)
+    assert again.estimates() == {}
+    assert snapshot.restore(path, again) == snapshot.Restored(1234, 77)
+    assert kept.estimates()
+    assert again.estimates() == kept.estimates()
+
+
+def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
+    listened: Listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
+) -> None:
+    path, kept = tmp_path / snapshot.NAME, listened.station.model
+    model = RunningModel(aircraft, compiled.regressors, None)
+    snapshot.save(path, kept, time_us=1, updates=1)
+    whole = path.read_bytes()
+    for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="cannot be read as a snapshot"):
+            snapshot.restore(path, model)
+    arrays = {**kept.state(), "schema": np.array(1), "time_us": np.array(1)}
+    np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
+    with pytest.raises(InputError, match="another aircraft file"):
+        snapshot.restore(path, model)
+    first = next(name for name in arrays if name.endswith("information"))
+    arrays[first] = np.full_like(arrays[first], np.nan)
+    np.savez(path, **arrays, updates=np.array(1), structure=np.array(model.structure))
+    with pytest.raises(InputError, match="not finite"):
+        snapshot.restore(path, model)
+    assert model.estimates() == {}
+
+
+def test_parts_of_a_recording_are_one_flight(
+    played: list[tuple[int, bytes]], tmp_path: Path
+) -> None:
+    records = played[:500]
+    stream = FrameStream()
+    with Recorder(tmp_path / "recording.tlog", part_bytes=8000) as recorder:
+        for link_us, frame in records:
+            recorder.write(stream.feed(frame, link_us))
+        parts = recorder.parts
+    assert len(parts) > 2
+    assert parts[0].name == "recording-001.tlog"
+    assert parts[-1].name == "recording.tlog"
+    assert all(part.stat().st_size < 8400 for part in parts)
+    assert [r for part in parts for r in tlog.frames(part.read_bytes())] == records
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_said_and_how_to_go_on(
+    played: list[tuple[int, bytes]], tmp_path: Path
+) -> None:
+    (tmp_path / "recording.tlog").symlink_to("/dev/full")
+    stream = FrameStream()
+    link_us, frame = played[0]
+    recorder = Recorder(tmp_path / "recording.tlog", append=True)
+    with pytest.raises(SourceError, match=r"No space left.*what came before is kept.*--resume"):
+        recorder.write(stream.feed(frame, link_us))
+    with pytest.raises(SourceError, match="No space left"):
+        recorder.close()
