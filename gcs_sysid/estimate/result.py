@@ -86,12 +86,16 @@ class AeroModel:
     @property
     def variables(self) -> tuple[str, ...]:
         """Variables and controls that any coefficient uses, in order of first use."""
-        seen: dict[str, None] = {}
-        for fit in self.fits.values():
-            for key in fit.keys:
-                for name in regressors.parse(key, controls=self.controls).variables:
-                    seen.setdefault(name)
-        return tuple(seen)
+        return tuple(dict.fromkeys(one for name in self.fits for one in self.depends_on(name)))
+
+    def depends_on(self, name: str) -> tuple[str, ...]:
+        """Variables and controls that one coefficient uses, in order of first use."""
+        parsed = (regressors.parse(key, controls=self.controls) for key in self.fits[name].keys)
+        return tuple(dict.fromkeys(one for item in parsed for one in item.variables))
+
+    def discrepancy(self, name: str) -> float:
+        """What of a predicted deviation is scatter about the model, no uncertainty of it."""
+        return self.fits[name].discrepancy
 
     def predict(
         self, values: Mapping[str, Float[np.ndarray, " sample"]], *, measured: bool

@@ -25,7 +25,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
+
+from gcs_sysid.frames import Array
 
 
 class Kernel(NamedTuple):

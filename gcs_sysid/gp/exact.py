@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent
 from gcs_sysid.gp.dependent import Kernel, Points
 from gcs_sysid.gp.posterior import Posterior
@@ -23,8 +24,8 @@ def observed(
 ) -> tuple[Points, Float[Array, " point"], Float[Array, " point"]]:
     """Points, values and noise variances of all values that are not missing."""
     sample, output = np.nonzero(np.asarray(rows.precision) > 0.0)
-    points = Points(rows.inputs[sample], jnp.asarray(output))
-    return points, rows.values[sample, output], 1.0 / rows.precision[sample, output]
+    values, precision = (np.asarray(part)[sample, output] for part in rows[1:])
+    return Points(np.asarray(rows.inputs)[sample], output), values, 1.0 / precision
 
 
 @jax.jit

@@ -23,8 +23,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent
 from gcs_sysid.gp.dependent import Kernel, Points
 from gcs_sysid.gp.posterior import Posterior
@@ -40,12 +41,15 @@ class Basis(NamedTuple):
     Attributes:
         kernel: prior covariance.
         noise: variance of each output that its samples' own errors do not explain.
+        repeats: samples of each output that say the same, because their errors last: each counts
+            as the fraction of one.
         points: inducing points.
         factor: L.
     """
 
     kernel: Kernel
     noise: Float[Array, " output"]
+    repeats: Float[Array, " output"]
     points: Points
     factor: Float[Array, "point point"]
 
@@ -63,11 +67,17 @@ def nothing(size: int) -> Information:
 
 
 @jax.jit
-def basis(kernel: Kernel, noise: Float[Array, " output"], points: Points) -> Basis:
+def basis(
+    kernel: Kernel,
+    noise: Float[Array, " output"],
+    repeats: Float[Array, " output"],
+    points: Points,
+) -> Basis:
     """Prior and inducing points, made ready."""
     prior = dependent.variance(kernel)[points.output]
     matrix = dependent.covariance(kernel, points, points)
-    return Basis(kernel, noise, points, jnp.linalg.cholesky(matrix + JITTER * jnp.diag(prior)))
+    factor = jnp.linalg.cholesky(matrix + JITTER * jnp.diag(prior))
+    return Basis(kernel, noise, repeats, points, factor)
 
 
 def features(
@@ -79,7 +89,7 @@ def features(
     return jsl.solve_triangular(base.factor, flat.T, lower=True).T.reshape(cross.shape)
 
 
-def weights(
+def precisions(
     base: Basis, some: Rows, phi: Float[Array, "sample output point"]
 ) -> Float[Array, "sample output"]:
     """1/r of every value, 0 where it is missing."""
@@ -91,7 +101,7 @@ def weights(
 def told(base: Basis, some: Rows) -> Information:
     """What samples add."""
     phi = features(base, some.inputs)
-    weight = weights(base, some, phi)
+    weight = precisions(base, some, phi) / base.repeats[None, :]
     flat = phi.reshape((-1, phi.shape[-1]))
     weighted = flat * weight.reshape((-1, 1))
     return Information(weighted.T @ flat, weighted.T @ some.values.reshape(-1))
@@ -124,20 +134,25 @@ def posterior(base: Basis, known: Information) -> Posterior:
 
 @jax.jit
 def log_marginal(base: Basis, some: Rows) -> Float[Array, ""]:
-    """Logarithm of the density of the samples under the approximation [nat]."""
+    """Logarithm of the density of the samples under the approximation [nat].
+
+    Where samples repeat each other each density is taken to the power of 1/repeats.
+    """
     phi = features(base, some.inputs)
-    weight = weights(base, some, phi)
+    precision = precisions(base, some, phi)
+    share = 1.0 / base.repeats[None, :]
     flat = phi.reshape((-1, phi.shape[-1]))
-    root = jnp.sqrt(weight.reshape(-1))
-    scaled = flat * root[:, None]
-    value = some.values.reshape(-1) * root
-    factor = jnp.linalg.cholesky(jnp.eye(flat.shape[1]) + scaled.T @ scaled)
-    white = jsl.solve_triangular(factor, scaled.T @ value, lower=True)
-    present = weight > 0.0
-    density = jnp.where(present, jnp.log(jnp.where(present, weight, 1.0) / (2.0 * jnp.pi)), 0.0)
+    # No square root of the weights: it has no slope where a value is missing.
+    weight = (precision * share).reshape(-1)
+    weighted = flat * weight[:, None]
+    value = some.values.reshape(-1)
+    factor = jnp.linalg.cholesky(jnp.eye(flat.shape[1]) + weighted.T @ flat)
+    white = jsl.solve_triangular(factor, weighted.T @ value, lower=True)
+    present = precision > 0.0
+    density = jnp.log(jnp.where(present, precision, 2.0 * jnp.pi) / (2.0 * jnp.pi))
     return 0.5 * (
-        jnp.sum(density)
-        - value @ value
+        jnp.sum(density * share)
+        - value @ (weight * value)
         + white @ white
         - 2.0 * jnp.sum(jnp.log(jnp.diagonal(factor)))
     )

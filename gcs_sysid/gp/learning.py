@@ -15,9 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy import optimize
 
+from gcs_sysid.errors import UsageError
+from gcs_sysid.frames import Array
 from gcs_sysid.gp import exact, inducing
 from gcs_sysid.gp.dependent import Kernel, Points
 from gcs_sysid.gp.samples import Rows
@@ -31,6 +33,10 @@ AMPLITUDE = 1.0
 """Standard deviation of the prior of the amplitudes, in standard deviations of the output."""
 LEAST_NOISE = 1e-6
 """Variance of the noise cannot fall below this share of the output's."""
+
+
+_NO_ANSWER = 1e12
+"""Cost of hyper-parameters whose covariance cannot be factorised: the search steps back."""
 
 
 class Unknowns(NamedTuple):
@@ -105,21 +111,41 @@ def fit_exact(
 
 
 def fit_inducing(
-    rows: Rows, points: Points, structure: Structure, *, starts: int, seed: int, steps: int = 60
+    rows: Rows,
+    points: Points,
+    repeats: Float[Array, " output"],
+    structure: Structure,
+    *,
+    starts: int,
+    seed: int,
+    steps: int = 60,
 ) -> Learned:
-    """By the marginal likelihood of the approximation through `points`: linear in the samples."""
+    """By the marginal likelihood of the approximation through `points`: linear in the samples.
+
+    Args:
+        rows: samples.
+        points: inducing points that carry the likelihood; they are not kept.
+        repeats: samples of each output that say the same, see `inducing.Basis`.
+        structure: of the covariance.
+        starts: of the search.
+        seed: of their draw.
+        steps: of each, at most.
+    """
 
     def evaluate(unknowns: Unknowns) -> tuple[Array, Unknowns]:
-        return _inducing_cost(unknowns, rows, points)
+        return _inducing_cost(unknowns, rows, points, repeats)
 
     shape = (rows.values.shape[1], rows.inputs.shape[1])
     return _search(evaluate, shape, structure, starts, seed, steps)
 
 
 @jax.jit
-def _inducing_cost(unknowns: Unknowns, rows: Rows, points: Points) -> tuple[Array, Unknowns]:
+def _inducing_cost(
+    unknowns: Unknowns, rows: Rows, points: Points, repeats: Float[Array, " output"]
+) -> tuple[Array, Unknowns]:
     def likelihood(at: Unknowns) -> Float[Array, ""]:
-        return inducing.log_marginal(inducing.basis(kernel_of(at), noise_of(at), points), rows)
+        base = inducing.basis(kernel_of(at), noise_of(at), repeats, points)
+        return inducing.log_marginal(base, rows)
 
     return jax.value_and_grad(_cost(likelihood))(unknowns)
 
@@ -158,7 +184,7 @@ def _search(
             value, slope = evaluate(restore(jnp.asarray(vector)))
             flat = np.asarray(ravel_pytree(slope)[0])
             if not (np.isfinite(float(value)) and np.all(np.isfinite(flat))):
-                return 1e12, np.zeros_like(flat)
+                return _NO_ANSWER, np.zeros_like(flat)
             return float(value), flat
 
         found = optimize.minimize(
@@ -166,6 +192,10 @@ def _search(
         )
         outcomes.append((-float(found.fun), restore(jnp.asarray(found.x))))
     best, unknowns = max(outcomes, key=lambda outcome: outcome[0])
+    if best <= -_NO_ANSWER:
+        raise UsageError(
+            "the likelihood of the samples is not finite; give finite values, each with its noise"
+        )
     return Learned(
         kernel=kernel_of(unknowns),
         noise=noise_of(unknowns),
@@ -182,7 +212,8 @@ def _begin(random: np.random.Generator, shape: tuple[int, int], structure: Struc
         return jnp.asarray(middle + 0.3 * random.standard_normal(size))
 
     return Unknowns(
-        amplitude=0.3 * jnp.asarray(random.standard_normal((structure.latents, outputs))),
+        # Of the size of the outputs: near zero the search stays there.
+        amplitude=jnp.asarray(random.choice([-0.7, 0.7], (structure.latents, outputs))),
         log_scale=near(float(np.log(SCALE_MEDIAN)), structure.latents, rows, inputs),
         log_own_amplitude=near(-1.0, outputs),
         log_own_scale=near(float(np.log(SCALE_MEDIAN)), outputs, inputs),

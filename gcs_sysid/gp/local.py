@@ -9,6 +9,9 @@ each query the k nearest samples (k-d tree) make an exact posterior of their own
 Σ diagonal. Its hyper-parameters are those that foretell samples best from neighbours of *other*
 stretches of flight: neighbours in time share their errors, and would be foretold by them.
 
+NumPy throughout: compiled batches of small factorisations stopped for good now and then on two
+cores (jaxlib 0.10), waiting for a thread that waited for them.
+
 References:
     C. K. I. Williams, "Computation with infinite neural networks", Neural Computation 10, 1998;
     S. Vasudevan et al., "Gaussian process modeling of large-scale terrain", J. Field Robotics 26,
@@ -17,16 +20,12 @@ References:
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
-from scipy import optimize
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from gcs_sysid.gp.posterior import Belief
@@ -34,15 +33,21 @@ from gcs_sysid.gp.samples import Rows
 
 NEIGHBOURS = 32
 AT_ONCE = 256
-"""Queries a compiled step takes."""
+"""Queries answered together: bounds the memory."""
 SPARE = 8
 """So many times as many are looked up where those of the query's own stretch do not count."""
-WIDE = 3.0
-"""Standard deviation of the prior of each logarithm in `Shape`."""
+OFF = 1e6
+"""Noise, in variances of the process, that takes a sample out."""
+CONSTANT = (0.1, 1.0, 10.0)
+STEEPNESS = (0.01, 0.1, 1.0)
+"""Σ of the constant and of every input that are tried: from nearly straight to many bends."""
+SHARE = (0.01, 0.03, 0.1, 0.3, 1.0)
+REST = (0.0, 0.3, 1.0)
+"""Variance of the process, and of noise beside the samples' own, over that of what is left."""
 
 
 class Shape(NamedTuple):
-    """Hyper-parameters, as logarithms.
+    """Hyper-parameters.
 
     Attributes:
         weights: Σ, of the constant and of each input.
@@ -50,9 +55,18 @@ class Shape(NamedTuple):
         noise: variance of each output that the samples' own errors do not explain.
     """
 
-    weights: Float[Array, " weight"]
-    variance: Float[Array, " output"]
-    noise: Float[Array, " output"]
+    weights: Float[np.ndarray, " weight"]
+    variance: Float[np.ndarray, " output"]
+    noise: Float[np.ndarray, " output"]
+
+
+class Store(NamedTuple):
+    """Samples; values are what the global part left. See `samples.Rows`."""
+
+    inputs: Float[np.ndarray, "sample input"]
+    values: Float[np.ndarray, "sample output"]
+    precision: Float[np.ndarray, "sample output"]
+    piece: Int[np.ndarray, " sample"]
 
 
 @dataclass(frozen=True)
@@ -61,38 +75,36 @@ class Local:
 
     Attributes:
         shape: of the covariance.
-        rows: samples; values are what the global part left.
-        piece: stretch of flight of each.
+        store: samples and the stretch of flight of each.
         tree: over the inputs.
     """
 
     shape: Shape
-    rows: Rows
-    piece: Int[np.ndarray, " sample"]
+    store: Store
     tree: KDTree
 
 
-def built(shape: Shape, rows: Rows, piece: Int[np.ndarray, " sample"]) -> Local:
+def built(shape: Shape, store: Store) -> Local:
     """The samples made ready for queries."""
-    return Local(shape, rows, piece, KDTree(np.asarray(rows.inputs)))
+    return Local(shape, store, KDTree(store.inputs))
+
+
+def stored(rows: Rows, piece: Int[np.ndarray, " sample"]) -> Store:
+    """Samples as the local part keeps them."""
+    inputs, values, precision = (np.asarray(part) for part in rows)
+    return Store(inputs, values, precision, np.asarray(piece))
 
 
 def neural(
-    weights: Float[Array, " weight"],
-    left: Float[Array, "left input"],
-    right: Float[Array, "right input"],
-) -> Float[Array, "left right"]:
+    weights: Float[np.ndarray, " weight"],
+    left: Float[np.ndarray, "*query left input"],
+    right: Float[np.ndarray, "*query right input"],
+) -> Float[np.ndarray, "*query left right"]:
     """The covariance for s = 1."""
-    size = jnp.exp(weights)
-
-    def product(one: Float[Array, "a input"], other: Float[Array, "b input"]) -> Array:
-        return 2.0 * (size[0] + (one * size[None, 1:]) @ other.T)
-
-    def own(some: Float[Array, "a input"]) -> Array:
-        return 1.0 + 2.0 * (size[0] + jnp.sum(some**2 * size[None, 1:], axis=1))
-
-    ratio = product(left, right) / jnp.sqrt(own(left)[:, None] * own(right)[None, :])
-    return (2.0 / jnp.pi) * jnp.arcsin(ratio)
+    product = 2.0 * (weights[0] + (left * weights[1:]) @ np.swapaxes(right, -1, -2))
+    ends = [1.0 + 2.0 * (weights[0] + np.sum(one**2 * weights[1:], -1)) for one in (left, right)]
+    ratio = product / np.sqrt(ends[0][..., :, None] * ends[1][..., None, :])
+    return (2.0 / np.pi) * np.arcsin(ratio)
 
 
 def predict(
@@ -108,18 +120,12 @@ def predict(
         inputs: queries, scaled.
         piece: stretch of flight of each query; samples of the same one are not asked.
     """
-    near, own = neighbours(local, inputs, piece)
+    near, counts = neighbours(local, inputs, piece)
     parts = []
-    count = inputs.shape[0]
-    for start in range(0, count, AT_ONCE):
-        stop = min(start + AT_ONCE, count)
-        fill = (0, AT_ONCE - (stop - start))
-        asked = np.pad(inputs[start:stop], (fill, (0, 0)), mode="edge")
-        index = np.pad(near[start:stop], (fill, (0, 0)), mode="edge")
-        used = np.pad(own[start:stop], (fill, (0, 0)), mode="edge")
-        mean, variance = _beliefs(local.shape, local.rows, asked, index, used)
-        parts.append((np.asarray(mean)[: stop - start], np.asarray(variance)[: stop - start]))
-    return Belief(*(jnp.asarray(np.concatenate(part)) for part in zip(*parts, strict=True)))
+    for start in range(0, inputs.shape[0], AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        parts.append(_beliefs(local.shape, local.store, inputs[some], near[some], counts[some]))
+    return Belief(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def neighbours(
@@ -128,112 +134,110 @@ def neighbours(
     piece: Int[np.ndarray, " sample"] | None,
 ) -> tuple[Int[np.ndarray, "sample near"], Float[np.ndarray, "sample near"]]:
     """Indices of the nearest samples, and 1 for each that counts, 0 for those that do not."""
-    total = local.piece.size
+    total = local.store.piece.size
     few = min(NEIGHBOURS, total)
     if piece is None:
         near = local.tree.query(inputs, k=np.arange(1, few + 1))[1]
         return near, np.ones(near.shape)
     near = local.tree.query(inputs, k=np.arange(1, min(SPARE * NEIGHBOURS, total) + 1))[1]
-    other = local.piece[near] != piece[:, None]
+    other = local.store.piece[near] != piece[:, None]
     first = np.argsort(~other, axis=1, kind="stable")[:, :few]
     return np.take_along_axis(near, first, 1), np.take_along_axis(other, first, 1).astype(float)
 
 
-@jax.jit
 def _beliefs(
     shape: Shape,
-    rows: Rows,
-    inputs: Float[Array, "query input"],
-    near: Int[Array, "query near"],
-    used: Float[Array, "query near"],
-) -> tuple[Float[Array, "query output"], Float[Array, "query output"]]:
-    def one(here: Array, index: Array, counts: Array) -> tuple[Array, Array]:
-        there = rows.inputs[index]
-        between = neural(shape.weights, there, there)
-        across = neural(shape.weights, here[None, :], there)[0]
-        alone = neural(shape.weights, here[None, :], here[None, :])[0, 0]
-
-        def output(size: Array, noise: Array, values: Array, precision: Array) -> tuple:
-            counted = precision * counts
-            # Noise of 1e6 times the variance takes a sample out without changing any shape.
-            own = jnp.where(counted > 0.0, 1.0 / jnp.maximum(counted, 1e-300) + noise, 1e6 * size)
-            factor = jnp.linalg.cholesky(size * between + jnp.diag(own))
-            half = jsl.solve_triangular(factor, size * across, lower=True)
-            mean = half @ jsl.solve_triangular(factor, values * (counted > 0.0), lower=True)
-            return mean, jnp.maximum(size * alone - half @ half, 1e-9 * size)
-
-        return jax.vmap(output, in_axes=(0, 0, 1, 1))(
-            jnp.exp(shape.variance),
-            jnp.exp(shape.noise),
-            rows.values[index],
-            rows.precision[index],
+    store: Store,
+    inputs: Float[np.ndarray, "query input"],
+    near: Int[np.ndarray, "query near"],
+    counts: Float[np.ndarray, "query near"],
+) -> tuple[Float[np.ndarray, "query output"], Float[np.ndarray, "query output"]]:
+    there = store.inputs[near]
+    here = inputs[:, None, :]
+    between = neural(shape.weights, there, there)
+    across = neural(shape.weights, here, there)[:, 0]
+    alone = neural(shape.weights, here, here)[:, 0, 0]
+    columns = [
+        _output(size, rest, between, across, alone, values, precision * counts)
+        for size, rest, values, precision in zip(
+            shape.variance,
+            shape.noise,
+            np.moveaxis(store.values[near], 2, 0),
+            np.moveaxis(store.precision[near], 2, 0),
+            strict=True,
         )
+    ]
+    mean, variance = zip(*columns, strict=True)
+    return np.stack(mean, axis=1), np.stack(variance, axis=1)
 
-    return jax.vmap(one)(inputs, near, used)
+
+def _output(
+    size: float,
+    rest: float,
+    between: Float[np.ndarray, "query near near"],
+    across: Float[np.ndarray, "query near"],
+    alone: Float[np.ndarray, " query"],
+    values: Float[np.ndarray, "query near"],
+    precision: Float[np.ndarray, "query near"],
+) -> tuple[Float[np.ndarray, " query"], Float[np.ndarray, " query"]]:
+    counted = precision > 0.0
+    own = np.where(counted, 1.0 / np.where(counted, precision, 1.0) + rest, OFF * size)
+    matrix = size * between + own[:, :, None] * np.eye(own.shape[1])
+    gain = np.linalg.solve(matrix, size * across[:, :, None])[:, :, 0]
+    mean = np.sum(gain * np.where(counted, values, 0.0), axis=1)
+    left = size * (alone - np.sum(gain * across, axis=1))
+    return mean, np.maximum(left, 1e-9 * size)
 
 
-def learned(
-    rows: Rows, piece: Int[np.ndarray, " sample"], *, queries: int, steps: int, seed: int
-) -> Local:
+def learned(store: Store, *, queries: int, seed: int) -> Local:
     """Hyper-parameters that foretell `queries` of the samples best from other stretches of flight.
 
     Args:
-        rows: samples; values are what the global part left.
-        piece: stretch of flight of each; with one stretch alone nothing is foretold by another, and
-            the neighbours' own count.
-        queries: samples that are foretold; a multiple of `AT_ONCE` wastes nothing.
-        steps: of the search.
-        seed: of the draw.
+        store: samples; with one stretch alone every query asks all samples but itself.
+        queries: samples that are foretold.
+        seed: of their draw.
     """
-    outputs, inputs = rows.values.shape[1], rows.inputs.shape[1]
-    middle = Shape(jnp.full(inputs + 1, -1.0), jnp.full(outputs, -2.0), jnp.full(outputs, -1.0))
-    plain = built(middle, rows, piece)
-    count = rows.inputs.shape[0]
-    draw = np.random.default_rng(seed).permutation(count)[:queries]
-    asked = np.asarray(rows.inputs)[draw]
-    several = np.unique(piece).size > 1
-    apart = piece[draw] if several else np.arange(draw.size)
-    near, used = neighbours(
-        plain if several else built(middle, rows, _numbers(count, draw)), asked, apart
-    )
-    first, restore = ravel_pytree(middle)
-    data = (rows, jnp.asarray(draw), jnp.asarray(near), jnp.asarray(used))
-
-    def cost(vector: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = _foretold(restore(jnp.asarray(vector)), middle, *data)
-        flat = np.asarray(ravel_pytree(slope)[0])
-        if not (np.isfinite(float(value)) and np.all(np.isfinite(flat))):
-            return 1e12, np.zeros_like(flat)
-        return float(value), flat
-
-    found = optimize.minimize(
-        cost, np.asarray(first), jac=True, method="L-BFGS-B", options={"maxiter": steps}
-    )
-    return built(restore(jnp.asarray(found.x)), rows, piece)
+    total = store.piece.size
+    draw = np.random.default_rng(seed).permutation(total)[:queries]
+    if np.unique(store.piece).size == 1:
+        store = store._replace(piece=np.arange(total))
+    known = store.precision > 0.0
+    power = np.sum(np.where(known, store.values, 0.0) ** 2, axis=0)
+    spread = np.maximum(power / np.maximum(known.sum(axis=0), 1), 1e-12)
+    plain = built(Shape(np.ones(store.inputs.shape[1] + 1), spread, spread), store)
+    near, counts = neighbours(plain, store.inputs[draw], store.piece[draw])
+    tried = []
+    for constant, steep in itertools.product(CONSTANT, STEEPNESS):
+        weights = np.array([constant, *np.full(store.inputs.shape[1], steep)])
+        cost, variance, noise = _sizes(weights, spread, store, draw, near, counts)
+        tried.append((float(cost.sum()), Shape(weights, variance, noise)))
+    return built(min(tried, key=lambda one: one[0])[1], store)
 
 
-def _numbers(count: int, draw: Int[np.ndarray, " query"]) -> Int[np.ndarray, " sample"]:
-    """A stretch of its own for every query, and one for all other samples."""
-    own = np.full(count, -1)
-    own[draw] = np.arange(draw.size)
-    return own
-
-
-@jax.jit
-def _foretold(
-    shape: Shape, middle: Shape, rows: Rows, draw: Array, near: Array, used: Array
-) -> tuple[Float[Array, ""], Shape]:
-    def cost(at: Shape) -> Float[Array, ""]:
-        mean, variance = _beliefs(at, rows, rows.inputs[draw], near, used)
-        precision = rows.precision[draw]
-        known = precision > 0.0
-        own = jnp.where(known, 1.0 / jnp.where(known, precision, 1.0), 1.0)
-        total = variance + own + jnp.exp(at.noise)[None, :]
-        terms = jnp.log(total) + (rows.values[draw] - mean) ** 2 / total
-        prior = sum(
-            0.5 * jnp.sum(((one - other) / WIDE) ** 2)
-            for one, other in zip(at, middle, strict=True)
-        )
-        return 0.5 * jnp.sum(jnp.where(known, terms, 0.0)) + prior
-
-    return jax.value_and_grad(cost)(shape)
+def _sizes(
+    weights: Float[np.ndarray, " weight"],
+    spread: Float[np.ndarray, " output"],
+    store: Store,
+    draw: Int[np.ndarray, " query"],
+    near: Int[np.ndarray, "query near"],
+    counts: Float[np.ndarray, "query near"],
+) -> tuple[
+    Float[np.ndarray, " output"], Float[np.ndarray, " output"], Float[np.ndarray, " output"]
+]:
+    """Cost, and best variances of process and noise, output by output, for given weights."""
+    values, precision = store.values[draw], store.precision[draw]
+    known = precision > 0.0
+    own = 1.0 / np.where(known, precision, 1.0)
+    cost = np.full(spread.size, np.inf)
+    variance, noise = spread.copy(), spread.copy()
+    for share, rest in itertools.product(SHARE, REST):
+        tried = Shape(weights, share * spread, rest * spread)
+        mean, left = _beliefs(tried, store, store.inputs[draw], near, counts)
+        total = left + own + tried.noise
+        density = np.log(total) + (values - mean) ** 2 / total
+        tried_cost = np.sum(np.where(known, density, 0.0), axis=0)
+        better = tried_cost < cost
+        cost = np.where(better, tried_cost, cost)
+        variance = np.where(better, tried.variance, variance)
+        noise = np.where(better, tried.noise, noise)
+    return cost, variance, noise

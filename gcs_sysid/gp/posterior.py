@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent
 from gcs_sysid.gp.dependent import Kernel, Points
 
@@ -81,6 +82,18 @@ def slopes(posterior: Posterior, inputs: Float[Array, "sample input"]) -> Slopes
 
     middle, spread = jax.lax.map(one, inputs, batch_size=AT_ONCE)
     return Slopes(middle, spread)
+
+
+@jax.jit
+def mean_slopes(
+    posterior: Posterior, inputs: Float[Array, "sample input"]
+) -> Float[Array, "sample output input"]:
+    """The derivatives' means alone."""
+
+    def row(here: Float[Array, " input"]) -> Float[Array, " output"]:
+        return mean(posterior, here[None, :])[0]
+
+    return jax.lax.map(jax.jacfwd(row), inputs, batch_size=AT_ONCE)
 
 
 def slope_variance(kernel: Kernel) -> Float[Array, "output input"]:

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.gp import exact, inducing, learner, learning, selection
+from gcs_sysid.frames import Array
+from gcs_sysid.gp import exact, inducing, learner, learning, samples, selection
 from gcs_sysid.gp.dependent import Kernel, Points
 from gcs_sysid.gp.inducing import Basis, Information
 from gcs_sysid.gp.learner import Learner
@@ -42,23 +41,25 @@ class Settings:
     """
 
     structure: Structure = field(default_factory=Structure)
-    points: int = 250
-    rows: int = 1000
-    scaffold: int = 25
-    candidates: int = 200
+    points: int = 200
+    rows: int = 400
+    scaffold: int = 16
+    candidates: int = 150
     starts: int = 2
-    steps: int = 60
+    steps: int = 40
     method: Method = "mutual information"
     seed: int = 0
 
 
-def learned(some: Rows, settings: Settings) -> Learned:
-    """Hyper-parameters from a draw of the samples."""
+def learned(some: Rows, repeats: Float[Array, " output"], settings: Settings) -> Learned:
+    """Hyper-parameters from a draw of the samples, of which each then repeats fewer others."""
     part = thinned(some, settings.rows, settings.seed)
+    share = part.inputs.shape[0] / some.inputs.shape[0]
     places = _places(part, settings.scaffold, settings.seed)
     return learning.fit_inducing(
         part,
         _all_outputs(places, part.values.shape[1]),
+        np.maximum(np.asarray(repeats) * share, 1.0),
         settings.structure,
         starts=settings.starts,
         steps=settings.steps,
@@ -67,28 +68,34 @@ def learned(some: Rows, settings: Settings) -> Learned:
 
 
 def chosen_points(
-    some: Rows, kernel: Kernel, noise: Float[jax.Array, " output"], settings: Settings
+    some: Rows, kernel: Kernel, noise: Float[Array, " output"], settings: Settings
 ) -> Points:
     """Inducing points among the samples."""
     part = thinned(some, settings.candidates, settings.seed + 1)
     candidates, _, own = exact.observed(part)
-    total = np.asarray(own + noise[candidates.output])
+    total = np.asarray(own) + np.asarray(noise)[candidates.output]
     picked = selection.choose(
         settings.method, kernel, candidates, total, settings.points, seed=settings.seed
     )
     return selection.take(candidates, picked)
 
 
-def based_on(some: Rows, settings: Settings) -> Basis:
+def based_on(some: Rows, repeats: Float[Array, " output"], settings: Settings) -> Basis:
     """Prior and inducing points learned from samples."""
-    found = learned(some, settings)
+    found = learned(some, repeats, settings)
     points = chosen_points(some, found.kernel, found.noise, settings)
-    return inducing.basis(found.kernel, found.noise, points)
+    return inducing.basis(found.kernel, found.noise, repeats, points)
 
 
 def refreshed(old: Learner, settings: Settings) -> Learner:
-    """The learner with hyper-parameters and inducing points from its store."""
-    return moved(old, based_on(old.store.rows(), settings))
+    """The learner with hyper-parameters and inducing points from its store.
+
+    The store thins the samples out, so that those in it repeat each other less.
+    """
+    share = old.store.kept.drawn.size / max(old.count, 1)
+    thin = np.maximum(np.asarray(old.base.repeats) * share, 1.0)
+    found = based_on(old.store.rows(), thin, settings)
+    return moved(old, found._replace(repeats=old.base.repeats))
 
 
 def moved(old: Learner, base: Basis) -> Learner:
@@ -115,20 +122,18 @@ def thinned(some: Rows, count: int, seed: int) -> Rows:
     """At most `count` of the samples."""
     total = some.inputs.shape[0]
     if total <= count:
-        return Rows(*(jnp.asarray(part) for part in some))
-    picked = np.sort(np.random.default_rng(seed).permutation(total)[:count])
-    return Rows(*(jnp.asarray(np.asarray(part)[picked]) for part in some))
+        return some
+    return samples.some_of(some, np.sort(np.random.default_rng(seed).permutation(total)[:count]))
 
 
-def _places(some: Rows, count: int, seed: int) -> Float[jax.Array, "place input"]:
-    single = Points(some.inputs, jnp.zeros(some.inputs.shape[0], dtype=int))
-    return single.inputs[jnp.asarray(selection.k_means(single, count, seed=seed))]
+def _places(some: Rows, count: int, seed: int) -> Float[Array, "place input"]:
+    inputs = np.asarray(some.inputs)
+    single = Points(inputs, np.zeros(inputs.shape[0], dtype=int))
+    return inputs[selection.k_means(single, count, seed=seed)]
 
 
-def _all_outputs(places: Float[jax.Array, "place input"], outputs: int) -> Points:
-    return Points(
-        jnp.repeat(places, outputs, axis=0), jnp.tile(jnp.arange(outputs), places.shape[0])
-    )
+def _all_outputs(places: Float[Array, "place input"], outputs: int) -> Points:
+    return Points(np.repeat(places, outputs, axis=0), np.tile(np.arange(outputs), places.shape[0]))
 
 
 class Refresher:
@@ -177,5 +182,5 @@ def _joined(parts: Sequence[tuple[Rows, int]]) -> list[tuple[Rows, int]]:
     out: list[tuple[Rows, int]] = []
     for flight in dict.fromkeys(number for _, number in parts):
         own = [some for some, number in parts if number == flight]
-        out.append((Rows(*(jnp.concatenate(each) for each in zip(*own, strict=True))), flight))
+        out.append((Rows(*(np.concatenate(each) for each in zip(*own, strict=True))), flight))
     return out

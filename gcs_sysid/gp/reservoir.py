@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -45,7 +44,7 @@ class Reservoir:
         """The kept samples, or some of them."""
         parts = (self.kept.inputs, self.kept.values, self.kept.precision)
         chosen = parts if which is None else tuple(part[which] for part in parts)
-        return Rows(*(jnp.asarray(part) for part in chosen))
+        return Rows(*chosen)
 
 
 def empty(capacity: int, *, inputs: int, outputs: int) -> Reservoir:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from gcs_sysid.errors import UsageError
+from gcs_sysid.frames import Array
 
 
 class Rows(NamedTuple):
@@ -70,17 +70,22 @@ def rows(
         raise UsageError("the variance of a sample is not positive; give every value its noise")
     filled = np.where(missing, 1.0, variance)
     return Rows(
-        inputs=jnp.asarray((inputs - scale.centre) / scale.spread),
-        values=jnp.asarray(np.where(missing, 0.0, values) / scale.unit),
-        precision=jnp.asarray(np.where(missing, 0.0, scale.unit**2 / filled)),
+        inputs=(inputs - scale.centre) / scale.spread,
+        values=np.where(missing, 0.0, values) / scale.unit,
+        precision=np.where(missing, 0.0, scale.unit**2 / filled),
     )
+
+
+def some_of(whole: Rows, which: np.ndarray) -> Rows:
+    """The samples that a mask or a list of indices picks."""
+    return Rows(*(np.asarray(part)[which] for part in whole))
 
 
 def padded(some: Rows, size: int) -> list[Rows]:
     """Batches of exactly `size` rows, the last filled with rows that count nothing."""
     count = some.inputs.shape[0]
     missing = -count % size
-    whole = Rows(*(jnp.pad(part, ((0, missing), (0, 0))) for part in some))
+    whole = Rows(*(np.pad(np.asarray(part), ((0, missing), (0, 0))) for part in some))
     return [
         Rows(*(part[start : start + size] for part in whole))
         for start in range(0, count + missing, size)

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.cluster import vq
@@ -31,6 +31,7 @@ from gcs_sysid.gp import dependent
 from gcs_sysid.gp.dependent import Kernel, Points
 
 Method = Literal["mutual information", "entropy", "random", "k-means"]
+_covariance = jax.jit(dependent.covariance)
 Chosen = Int[np.ndarray, " chosen"]
 
 
@@ -124,7 +125,7 @@ def k_means(candidates: Points, count: int, *, seed: int) -> Chosen:
 def _matrix(
     kernel: Kernel, candidates: Points, noise: Float[np.ndarray, " point"]
 ) -> Float[np.ndarray, "point point"]:
-    covariance = np.asarray(dependent.covariance(kernel, candidates, candidates))
+    covariance = np.asarray(_covariance(kernel, candidates, candidates))
     return covariance + np.diag(np.asarray(noise))
 
 
@@ -158,4 +159,4 @@ def _greedy(
 
 def take(candidates: Points, chosen: Chosen) -> Points:
     """The chosen candidates."""
-    return Points(candidates.inputs[jnp.asarray(chosen)], candidates.output[jnp.asarray(chosen)])
+    return Points(np.asarray(candidates.inputs)[chosen], np.asarray(candidates.output)[chosen])

@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from gcs_sysid import regressors
 from gcs_sysid.errors import InputError
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.offline import documents, model_store
@@ -38,7 +37,7 @@ def run(model_dir: Path, at: Path, out: Path) -> dict[str, Any]:
     for name, prediction in stored.model.predict(values, measured=False).items():
         added[name] = prediction.mean
         added[f"{name}_sd"] = prediction.deviation
-        for variable in _variables(stored.model, name):
+        for variable in stored.model.depends_on(name):
             slope = stored.model.derivative(name, variable, values)
             added[f"{name}_{variable}"] = slope.mean
             added[f"{name}_{variable}_sd"] = slope.deviation
@@ -91,15 +90,6 @@ def _values(table: pa.Table, model: AeroModel, path: Path) -> dict[str, np.ndarr
             fix="fill them in or leave the rows out",
         )
     return values
-
-
-def _variables(model: AeroModel, name: str) -> tuple[str, ...]:
-    """Variables that one coefficient depends on."""
-    seen: dict[str, None] = {}
-    for key in model.fits[name].keys:
-        for variable in regressors.parse(key, controls=model.controls).variables:
-            seen.setdefault(variable)
-    return tuple(seen)
 
 
 def _outside(model: AeroModel, values: dict[str, np.ndarray]) -> np.ndarray:

@@ -22,10 +22,13 @@ from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import ModelFileError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
-from gcs_sysid.offline import documents
+from gcs_sysid.gp.aerodynamics import LearnedModel
+from gcs_sysid.offline import documents, learned
 
 FORMAT = "gcs-sysid model"
-VERSION = 1
+VERSION = 2
+READABLE = (1, 2)
+"""Version 1 had no Gaussian processes."""
 ARRAYS = (
     "value",
     "covariance",
@@ -71,6 +74,10 @@ def save(directory: Path, stored: StoredModel) -> None:
             "origins": list(fit.deviations),
             **{field: getattr(fit, field) for field in NUMBERS},
         }
+    process = None
+    if isinstance(stored.model, LearnedModel):
+        arrays |= learned.arrays(stored.model)
+        process = {"inputs": list(stored.model.inputs), "outputs": list(stored.model.outputs)}
     directory.mkdir(parents=True, exist_ok=True)
     packed = _packed(arrays)
     documents.write_atomic(directory / "arrays.npz", lambda path: _write(path, packed))
@@ -83,6 +90,7 @@ def save(directory: Path, stored: StoredModel) -> None:
             "arrays_sha256": hashlib.sha256(packed).hexdigest(),
             "controls": list(stored.model.controls),
             "fits": fits,
+            "process": process,
             "surface_delay": stored.surface_delay,
             "flights": stored.provenance,
         },
@@ -118,8 +126,10 @@ def load(directory: Path) -> StoredModel:
                 name: _fit(name, entry, arrays, controls)
                 for name, entry in dict(header["fits"]).items()
             }
+            model = AeroModel(fits=fits, controls=controls)
+            if header.get("process"):
+                model = learned.from_arrays(model, header["process"], arrays)
         delay = float(header["surface_delay"])
-        model = AeroModel(fits=fits, controls=controls)
         provenance = list(header["flights"])
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(
@@ -149,7 +159,7 @@ def _header(directory: Path) -> dict[str, Any]:
             "is not a model of gcs-sysid",
             fix="give the directory that `gcs-sysid identify --out` wrote",
         )
-    if header.get("version") != VERSION:
+    if header.get("version") not in READABLE:
         raise ModelFileError(
             str(path),
             f"has version {header.get('version')}, this program reads version {VERSION}",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_sysid.aircraft import COEFFICIENTS
-from gcs_sysid.figures import coefficients, envelope, residuals, states
+from gcs_sysid.figures import coefficients, confidence, envelope, residuals, states
 from gcs_sysid.figures.data import Figure, Strip
 from gcs_sysid.figures.samples import Maneuver, Samples, flight_rows, has_coefficient, maneuvers
 from gcs_sysid.report import tables
@@ -97,7 +97,10 @@ def content(summary: Mapping, samples: Samples, *, unseen: bool) -> Content:
         flights=_flights(summary, samples, found, reasons),
         maneuvers=tables.flown(samples, found, present),
         maneuver_columns=present,
-        envelope=envelope.covered(samples, limits=limits, trim=trim),
+        envelope=(
+            *envelope.covered(samples, limits=limits, trim=trim),
+            *confidence.maps(summary),
+        ),
         controls=envelope.control_strips(samples, control_names(summary, samples), trim=trim),
         trim=tables.trim(summary),
         residuals=_residuals(samples, reasons),

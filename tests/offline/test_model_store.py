@@ -59,7 +59,7 @@ def test_it_is_found_from_the_folder_that_identify_wrote(folder: Path) -> None:
 
 def test_it_holds_no_pickle_and_a_version(folder: Path) -> None:
     header = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-    assert (header["format"], header["version"]) == ("gcs-sysid model", 1)
+    assert (header["format"], header["version"]) == ("gcs-sysid model", 2)
     with np.load(folder / "arrays.npz", allow_pickle=False) as arrays:
         assert all(arrays[name].dtype == np.float64 for name in arrays)
 
@@ -76,8 +76,8 @@ def edit(folder: Path, change: Callable[[dict], None]) -> None:
 
 
 def test_a_newer_version_is_refused_with_both_numbers(folder: Path) -> None:
-    edit(folder, lambda header: header.update(version=2))
-    assert "has version 2, this program reads version 1" in refusal(folder)
+    edit(folder, lambda header: header.update(version=3))
+    assert "has version 3, this program reads version 2" in refusal(folder)
 
 
 @pytest.mark.parametrize(

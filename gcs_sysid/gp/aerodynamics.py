@@ -1,0 +1,156 @@
+"""Learned aerodynamics: a polynomial, and what Gaussian processes found beyond it.
+
+In place of the polynomial alone wherever a model of the aerodynamics is asked, by array
+(`LearnedModel`) or inside the flight model (`plugged`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel
+from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate.result import AeroModel, Prediction
+from gcs_sysid.frames import Array
+from gcs_sysid.gp import dependent, fitting, posterior
+from gcs_sysid.gp.fitting import Fitted
+from gcs_sysid.model import aerodynamics
+
+Coefficients = Callable[..., Float[Array, "*sample six"]]
+"""What `model.aerodynamics.coefficients` is: models, terms, flow, and the keyword `shares`."""
+
+
+@dataclass(frozen=True)
+class LearnedModel(AeroModel):
+    """A polynomial model with Gaussian processes beside it.
+
+    Attributes:
+        process: the Gaussian processes.
+        inputs: variables and controls that they are functions of.
+        outputs: coefficients that they are of.
+    """
+
+    process: Fitted
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Variables and controls that any coefficient uses."""
+        return tuple(dict.fromkeys((*super().variables, *self.inputs)))
+
+    def depends_on(self, name: str) -> tuple[str, ...]:
+        """Variables and controls that one coefficient uses."""
+        own = self.inputs if self._has(name) else ()
+        return tuple(dict.fromkeys((*super().depends_on(name), *own)))
+
+    def predict(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]], *, measured: bool
+    ) -> dict[str, Prediction]:
+        """Every coefficient at given conditions; see `AeroModel.predict`."""
+        plain = super().predict(values, measured=measured)
+        found = fitting.predict(self.process, self._rows(values))
+        for column, name in enumerate(self.outputs):
+            if self._has(name):
+                # The polynomial's discrepancy was what the processes now explain, or leave.
+                variance = plain[name].deviation ** 2 - self.fits[name].discrepancy ** 2
+                variance = np.maximum(variance, 0.0) + found.variance[:, column]
+                total = variance + self.process.discrepancy[column]
+                plain[name] = Prediction(plain[name].mean + found.mean[:, column], np.sqrt(total))
+        return plain
+
+    def derivative(
+        self, name: str, variable: str, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Prediction:
+        """∂C/∂variable at given conditions: of the polynomial and of the global part."""
+        plain = super().derivative(name, variable, values)
+        if variable not in self.inputs or not self._has(name):
+            return plain
+        column, row = self.inputs.index(variable), self.outputs.index(name)
+        if not self.process.use_global[row]:
+            return plain
+        scale = self.process.scaling
+        ratio = scale.unit[row] / scale.spread[column]
+        found = posterior.slopes(self.process.posterior, self.process.scaled(self._rows(values)))
+        spread = np.asarray(found.variance)[:, row, column] * ratio**2
+        return Prediction(
+            plain.mean + np.asarray(found.mean)[:, row, column] * ratio,
+            np.sqrt(plain.deviation**2 + spread),
+        )
+
+    def known(
+        self, name: str, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Float[np.ndarray, " sample"]:
+        """Share of the global part's prior variance that data have taken away.
+
+        Near 0 the answer is the prior: the polynomial alone, with the deviation it had before.
+        """
+        row = self.outputs.index(name)
+        scaled = self.process.scaled(self._rows(values))
+        prior = float(dependent.variance(self.process.base.kernel)[row])
+        left = np.asarray(fitting.in_batches(self.process.posterior, scaled).variance)[:, row]
+        return 1.0 - left / prior
+
+    def discrepancy(self, name: str) -> float:
+        """Deviation that is no uncertainty of the function; see `AeroModel.discrepancy`."""
+        if not self._has(name):
+            return super().discrepancy(name)
+        return float(np.sqrt(self.process.discrepancy[self.outputs.index(name)]))
+
+    def _has(self, name: str) -> bool:
+        if name not in self.outputs:
+            return False
+        row = self.outputs.index(name)
+        return bool(self.process.use_global[row] or self.process.use_local[row])
+
+    def _rows(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Float[np.ndarray, "sample input"]:
+        return stacked(self.inputs, values)
+
+
+def stacked(
+    names: tuple[str, ...], values: Mapping[str, Float[np.ndarray, " sample"]]
+) -> Float[np.ndarray, "sample input"]:
+    """Inputs side by side.
+
+    Raises:
+        UsageError: one of them is not in `values`.
+    """
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise UsageError(f"the learned model needs {', '.join(missing)}; add it to `values`")
+    return np.stack([np.asarray(values[name], dtype=float) for name in names], axis=-1)
+
+
+def plugged(model: LearnedModel) -> Coefficients:
+    """The learned aerodynamics as the flight model asks for them, differentiable.
+
+    The signature is that of `model.aerodynamics.coefficients`; to the polynomial terms that it is
+    called with, the mean of the global part is added where an output has one.
+    """
+    process = model.process
+    columns = jnp.asarray([COEFFICIENTS.index(name) for name in model.outputs])
+    unit = jnp.asarray(process.scaling.unit * process.use_global)
+    centre, spread = jnp.asarray(process.scaling.centre), jnp.asarray(process.scaling.spread)
+
+    def coefficients(
+        models: Mapping[str, CoefficientModel],
+        terms: aerodynamics.Values,
+        flow: Mapping[str, Float[Array, "*sample"]],
+        *,
+        shares: aerodynamics.Values | None = None,
+    ) -> Float[Array, "*sample six"]:
+        plain = aerodynamics.coefficients(models, terms, flow, shares=shares)
+        inputs = jnp.stack([jnp.asarray(flow[name]) for name in model.inputs], axis=-1)
+        flat = (inputs.reshape((-1, len(model.inputs))) - centre[None, :]) / spread[None, :]
+        found = posterior.mean(process.posterior, flat) * unit[None, :]
+        added = jnp.zeros((flat.shape[0], len(COEFFICIENTS))).at[:, columns].set(found)
+        return plain + added.reshape(plain.shape)
+
+    return coefficients

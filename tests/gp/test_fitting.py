@@ -1,0 +1,228 @@
+"""From samples to parts that earned their place, and the learned model in place of a polynomial."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, Value
+from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.gp import confidence, fitting, noise
+from gcs_sysid.gp.aerodynamics import LearnedModel, plugged
+from gcs_sysid.gp.confidence import Flown
+from gcs_sysid.gp.fitting import Data, Effort, Fitted
+from gcs_sysid.gp.learning import Structure
+from gcs_sysid.gp.refresh import Settings
+from gcs_sysid.model import aerodynamics
+from gcs_sysid.offline import learned
+
+BREAK = 0.06
+NOISE = 0.01
+EFFORT = Effort(
+    settings=Settings(
+        structure=Structure(latents=1), points=60, rows=200, scaffold=16, candidates=80,
+        starts=2, steps=25,
+    ),
+    store=500,
+    queries=64,
+)  # fmt: skip
+INPUTS = ("alpha", "elevator")
+OUTPUTS = ("CZ", "Cm")
+
+
+def beyond(alpha: np.ndarray) -> np.ndarray:
+    """What a straight line misses of CZ: the stall."""
+    return 3.0 * np.maximum(alpha - BREAK, 0.0)
+
+
+def data(seed: int, count: int = 900) -> Data:
+    """CZ stalls, Cm is exactly what its polynomial says; twelve stretches of flight."""
+    random = np.random.default_rng(seed)
+    inputs = random.uniform((-0.1, -0.2), (0.2, 0.2), (count, 2))
+    left = np.stack([beyond(inputs[:, 0]), np.zeros(count)], axis=1)
+    return Data(
+        inputs=inputs,
+        values=left + NOISE * random.normal(size=left.shape),
+        variance=np.full(left.shape, NOISE**2),
+        input_variance=np.zeros(inputs.shape),
+        slopes=np.zeros((count, 2, 2)),
+        piece=np.arange(count) // (count // 12),
+        step=0.1,
+    )
+
+
+def polynomial() -> AeroModel:
+    """CZ = −0.3 − 4 α, Cm = −0.5 elevator, each known to a hundredth."""
+
+    def one(keys: tuple[str, ...], value: tuple[float, ...]) -> CoefficientFit:
+        size = len(keys)
+        return CoefficientFit(
+            keys=keys, value=np.array(value), covariance=1e-4 * np.eye(size),
+            flight_value=np.array(value), deviations={}, white_deviation=np.ones(size),
+            repeated_covariance=1e-4 * np.eye(size), discrepancy=0.15, calibration=1.0,
+            residual=0.1, correlation=np.eye(size), excitation=np.ones(size),
+            lowest=np.full(size, -1.0), highest=np.ones(size), samples=900,
+            effective_samples=900.0,
+        )  # fmt: skip
+
+    return AeroModel(
+        fits={"CZ": one(("1", "alpha"), (-0.3, -4.0)), "Cm": one(("elevator",), (-0.5,))},
+        controls=("elevator",),
+    )
+
+
+@pytest.fixture(scope="module")
+def found() -> Fitted:
+    return fitting.fit(data(1), EFFORT)
+
+
+@pytest.fixture(scope="module")
+def model(found: Fitted) -> LearnedModel:
+    plain = polynomial()
+    return LearnedModel(plain.fits, plain.controls, found, INPUTS, OUTPUTS)
+
+
+@pytest.fixture(scope="module")
+def asked() -> dict[str, np.ndarray]:
+    random = np.random.default_rng(2)
+    return {"alpha": random.uniform(-0.08, 0.18, 200), "elevator": random.uniform(-0.2, 0.2, 200)}
+
+
+def test_the_stall_earns_a_process_and_the_straight_line_does_not(found):
+    assert found.use_global.tolist() == [True, False]
+    assert found.gain.global_part[0] > 0.5
+    assert found.gain.global_part[1] < 0.02
+
+
+def test_the_stall_is_found_within_its_intervals(model, asked):
+    predicted = model.predict(asked, measured=True)["CZ"]
+    error = predicted.mean - (-0.3 - 4.0 * asked["alpha"] + beyond(asked["alpha"]))
+    assert np.sqrt(np.mean(error**2)) < 0.01
+    # One sd is mostly that of the polynomial, 0.01 √(1 + α²): few of 200 leave two of them.
+    assert np.mean(np.abs(error) < 1.96 * predicted.deviation) > 0.95
+
+
+def test_without_a_process_the_polynomial_answers_alone(model, asked):
+    plain, found = (one.predict(asked, measured=True)["Cm"] for one in (polynomial(), model))
+    np.testing.assert_array_equal(found.mean, plain.mean)
+    np.testing.assert_array_equal(found.deviation, plain.deviation)
+
+
+def test_derivatives_are_those_of_finite_differences(model, asked):
+    step = 1e-5
+    ends = [
+        model.predict({**asked, "alpha": asked["alpha"] + sign * step}, measured=True)["CZ"].mean
+        for sign in (1.0, -1.0)
+    ]
+    slope = model.derivative("CZ", "alpha", asked)
+    if model.process.use_local[0]:
+        pytest.fail("the example is meant to have no local part")
+    np.testing.assert_allclose(slope.mean, (ends[0] - ends[1]) / (2.0 * step), rtol=1e-5, atol=1e-4)
+    below, above = asked["alpha"] < BREAK - 0.04, asked["alpha"] > BREAK + 0.04
+    assert abs(slope.mean[below].mean() + 4.0) < 0.3
+    assert abs(slope.mean[above].mean() + 1.0) < 0.4
+
+
+def test_beyond_the_data_it_is_the_polynomial_and_says_so(model):
+    far = {"alpha": np.array([0.05, 8.0]), "elevator": np.array([0.0, 0.0])}
+    known = model.known("CZ", far)
+    assert known[0] > 0.9
+    assert known[1] < 1e-3
+    gained = (
+        model.predict(far, measured=True)["CZ"].mean
+        - polynomial().predict(far, measured=True)["CZ"].mean
+    )
+    np.testing.assert_allclose(gained[1], 0.0, atol=1e-6)
+
+
+def test_inside_the_flight_model_it_is_the_same_and_differentiable(model, asked):
+    models = {
+        "CZ": CoefficientModel({"1": Value(-0.3, 0.0), "alpha": Value(-4.0, 0.0)}),
+        "Cm": CoefficientModel({"elevator": Value(-0.5, 0.0)}),
+    }
+    terms = {
+        name: {key: one.value for key, one in each.terms.items()} for name, each in models.items()
+    }
+    coefficients = plugged(model)
+    flow = {name: jnp.asarray(value) for name, value in asked.items()}
+    found = np.asarray(coefficients(models, terms, flow))
+    wanted = model.predict(asked, measured=True)
+    for name in OUTPUTS:
+        column = COEFFICIENTS.index(name)
+        np.testing.assert_allclose(found[:, column], wanted[name].mean, atol=1e-9)
+    plain = np.asarray(aerodynamics.coefficients(models, terms, flow))
+    np.testing.assert_array_equal(found[:, 0], plain[:, 0])
+
+    def lift(alpha: jax.Array) -> jax.Array:
+        return coefficients(models, terms, {"alpha": alpha, "elevator": jnp.asarray(0.0)})[2]
+
+    one = {"alpha": np.array([0.1]), "elevator": np.array([0.0])}
+    np.testing.assert_allclose(
+        float(jax.grad(lift)(jnp.asarray(0.1))), model.derivative("CZ", "alpha", one).mean[0]
+    )
+
+
+def test_a_missing_input_is_named(model):
+    with pytest.raises(UsageError, match="needs elevator, given: alpha"):
+        model.predict({"alpha": np.zeros(1)}, measured=True)
+
+
+def test_it_comes_back_from_its_arrays(model, asked):
+    entry = {"inputs": list(INPUTS), "outputs": list(OUTPUTS)}
+    again = learned.from_arrays(polynomial(), entry, learned.arrays(model))
+    for name, wanted in model.predict(asked, measured=False).items():
+        found = again.predict(asked, measured=False)[name]
+        np.testing.assert_array_equal(found.mean, wanted.mean)
+        np.testing.assert_array_equal(found.deviation, wanted.deviation)
+    with pytest.raises(ValueError, match="do not fit its inputs"):
+        learned.from_arrays(polynomial(), {**entry, "inputs": ["alpha"]}, learned.arrays(model))
+
+
+def test_more_samples_in_place_of_the_first_keep_what_was_judged(found):
+    again = fitting.more(found, data(3), EFFORT)
+    assert again.use_global.tolist() == [True, False]
+    here = np.array([[0.15, 0.0]])
+    np.testing.assert_allclose(float(fitting.predict(again, here).mean[0, 0]), 0.27, atol=0.02)
+
+
+def test_the_map_tells_no_data_from_noisy_data(model):
+    random = np.random.default_rng(4)
+    values = {
+        "alpha": random.uniform(0.0, 0.1, 3000),
+        "beta": random.uniform(-0.1, 0.1, 3000),
+        "elevator": random.uniform(-0.2, 0.2, 3000),
+    }
+    measured = {"CZ": 0.1 * random.normal(size=3000), "Cm": 0.02 * random.normal(size=3000)}
+    flown = Flown(values=MappingProxyType(values), measured=measured, step=0.02)
+    found = confidence.over_envelope(model, flown, alpha=(-0.2, 0.3), beta=(-0.1, 0.1))
+    told = confidence.document(found)
+    lift = np.array(told["coefficients"]["CZ"]["reason"])
+    middles = 0.5 * (found.alpha[1:] + found.alpha[:-1])
+    assert set(lift[middles > 0.15].ravel()) == {"no data"}
+    assert set(lift[middles < -0.1].ravel()) == {"no data"}
+    # An elevator known to 0.01 a radian moved by 0.12: 6 % of Cm's spread, and no cell is low.
+    assert set(np.array(told["derivatives"]["Cm"]["elevator"]["reason"]).ravel()) == {""}
+    lowest = [one for one in told["low"] if one["coefficient"] == "CZ"]
+    assert {one["reason"] for one in lowest} >= {"no data"}
+    assert told["coefficients"]["CZ"]["sd"].shape == confidence.CELLS
+
+
+def test_samples_that_repeat_each_other_are_counted():
+    """A first-order process of correlation r has (1 + r)/(1 − r) samples that say the same."""
+    random = np.random.default_rng(5)
+    process = np.zeros(20_000)
+    for index in range(1, process.size):
+        process[index] = 0.8 * process[index - 1] + random.normal()
+    piece = np.zeros(process.size, dtype=int)
+    assert noise.repeats(process, piece, 0.02) == pytest.approx(9.0, rel=0.15)
+    assert noise.repeats(random.normal(size=20_000), piece, 0.02) == pytest.approx(1.0, abs=0.2)
+
+
+def test_uncertain_inputs_add_to_the_noise():
+    found = noise.with_inputs(np.array([[0.04]]), np.array([[[2.0, 0.0]]]), np.array([[0.01, 9.0]]))
+    np.testing.assert_allclose(found, [[0.08]])
