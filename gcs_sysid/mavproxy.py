@@ -1,0 +1,222 @@
+"""A module of MAVProxy: `module load gcs_sysid.mavproxy`, then `sysid start AIRCRAFT.toml`.
+
+MAVProxy's thread does no more than hand frames on: whatever is computed runs in a process of its
+own, `gcs-sysid listen` on a local port, so that flying through MAVProxy is never slower for it.
+Loaded by MAVProxy only, whose package (GPL-3) it needs.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from MAVProxy.modules.lib import mp_module, mp_settings
+
+from gcs_sysid.cli import live_view
+
+COMMANDS = ("status", "start", "stop", "suggest", "diagnose", "report")
+_LOCAL = "127.0.0.1"
+_FAREWELL_S = 2.0
+_QUIET_S = 3600.0
+"""The flight ends when its user says so, not when the vehicle is out of reach."""
+
+
+class Job:
+    """A command of this program running beside MAVProxy; what it says waits in a queue.
+
+    Args:
+        words: the command and its arguments.
+        said: takes its lines.
+    """
+
+    def __init__(self, words: Sequence[str], said: queue.SimpleQueue[str]) -> None:
+        self.name = words[0]
+        self._process = subprocess.Popen(  # noqa: S603 - this program itself
+            [sys.executable, "-m", "gcs_sysid", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self._said = said
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it is not done yet."""
+        return self._process.poll() is None
+
+    def stop(self) -> None:
+        """Asks it to come to its end."""
+        if self.running:
+            self._process.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """Ends it, at once if it does not end by itself; what it recorded stays."""
+        self.stop()
+        try:
+            self._process.wait(_FAREWELL_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join(_FAREWELL_S)
+
+    def _listen(self) -> None:
+        if self._process.stdout is None:
+            return
+        with self._process.stdout as lines:
+            for line in lines:
+                self._said.put(line.rstrip())
+
+
+class SysidModule(mp_module.MPModule):
+    """The commands `sysid status | start | stop | suggest | diagnose | report | set`.
+
+    Args:
+        mpstate: MAVProxy's state.
+    """
+
+    def __init__(self, mpstate: Any) -> None:
+        super().__init__(mpstate, "gcs_sysid.mavproxy", "system identification", public=True)
+        self.sysid_settings = mp_settings.MPSettings(
+            [("aircraft", str, ""), ("out", str, ""), ("prior", str, "file"), ("verbose", bool, 0)]
+        )
+        self.add_completion_function("(SYSIDSETTING)", self.sysid_settings.completion)
+        self.add_command(
+            "sysid", self.command, "system identification", [*COMMANDS, "set (SYSIDSETTING)"]
+        )
+        self._said: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._jobs: list[Job] = []
+        self._listening: Job | None = None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._port = 0
+        self._out: Path | None = None
+        self._phase = ""
+
+    def mavlink_packet(self, packet: Any) -> None:
+        """Hands a frame on; one that cannot go at once is lost to the listener, not to MAVProxy."""
+        if self._port and packet.get_type() != "BAD_DATA":
+            try:
+                self._socket.sendto(bytes(packet.get_msgbuf()), (_LOCAL, self._port))
+            except OSError:
+                return
+
+    def idle_task(self) -> None:
+        """Says what the jobs have said."""
+        while not self._said.empty():
+            line = self._said.get()
+            listening = " frames, " in line
+            if self.sysid_settings.verbose or not listening:
+                self.say_line(line)
+            phase = line.partition(" | ")[0]
+            if listening and phase.split(" (")[0] != self._phase:
+                self._phase = phase.split(" (")[0]
+                self.say_line(phase)
+        if self._listening is not None and not self._listening.running:
+            self._listening, self._port = None, 0
+        self._jobs = [job for job in self._jobs if job.running]
+
+    def unload(self) -> None:
+        """Ends what was started; recordings stay."""
+        self._port = 0
+        for job in self._jobs:
+            job.kill()
+        self._socket.close()
+        self.remove_command("sysid")
+        super().unload()
+
+    def command(self, words: list[str]) -> None:
+        """One of the commands."""
+        name, rest = (words[0], words[1:]) if words else ("", [])
+        if name == "set":
+            self.sysid_settings.command(rest)
+        elif name in COMMANDS:
+            getattr(self, f"_{name}")(rest)
+        else:
+            self.say_line(f"usage: sysid <{'|'.join(COMMANDS)}|set>")
+
+    def say_line(self, text: str) -> None:
+        """A line on MAVProxy's console."""
+        self.mpstate.console.writeln(f"sysid: {text}")
+
+    def _start(self, words: list[str]) -> None:
+        aircraft = words[0] if words else self.sysid_settings.aircraft
+        if self._listening is not None:
+            self.say_line("listens already; `sysid stop` ends it")
+            return
+        if not Path(aircraft).is_file():
+            self.say_line(f"no aircraft file `{aircraft}`; give one: sysid start AIRCRAFT.toml")
+            return
+        self.sysid_settings.set("aircraft", aircraft)
+        named = self.sysid_settings.out
+        self._out = Path(named or f"sysid-{datetime.now(UTC):%Y%m%d-%H%M%S}").resolve()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind((_LOCAL, 0))
+            port = int(free.getsockname()[1])
+        options = ["--aircraft", aircraft, "--out", str(self._out), "--listen-only"]
+        options += ["--prior", self.sysid_settings.prior, "--quiet-after", str(_QUIET_S)]
+        self._listening = self._run(["listen", f"udpin:{_LOCAL}:{port}", *options])
+        self._port = port
+        self.say_line(f"listens; {self._out}")
+
+    def _stop(self, _words: list[str]) -> None:
+        if self._listening is None:
+            self.say_line("does not listen")
+            return
+        self._port = 0
+        self._listening.stop()
+        self.say_line("stopped; what was flown is being identified")
+
+    def _status(self, _words: list[str]) -> None:
+        try:
+            found = json.loads((self._folder() / "live.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            self.say_line("nothing known yet" if self._out else "does not listen: sysid start")
+            return
+        self.say_line(live_view.line(found))
+
+    def _report(self, _words: list[str]) -> None:
+        page = self._folder() / "report.html"
+        self.say_line(str(page) if page.exists() else "no report yet; `sysid stop` makes it")
+
+    def _suggest(self, words: list[str]) -> None:
+        if self._identified():
+            out = ["--out", str(self._folder() / "suggest")]
+            self._run(["suggest", "--model", str(self._folder()), *out, *words])
+
+    def _diagnose(self, words: list[str]) -> None:
+        if self._identified():
+            recording, out = self._folder() / "recording.tlog", self._folder() / "diagnose"
+            aircraft = ["--aircraft", self.sysid_settings.aircraft]
+            self._run(["diagnose", str(recording), *aircraft, "--out", str(out), *words])
+
+    def _identified(self) -> bool:
+        if (self._folder() / "model").is_dir():
+            return True
+        self.say_line("no model yet: sysid start, fly, sysid stop")
+        return False
+
+    def _folder(self) -> Path:
+        return self._out or Path(self.sysid_settings.out or ".").resolve()
+
+    def _run(self, words: Sequence[str]) -> Job:
+        job = Job(words, self._said)
+        self._jobs.append(job)
+        return job
+
+
+def init(mpstate: Any) -> SysidModule:
+    """What MAVProxy calls."""
+    return SysidModule(mpstate)
