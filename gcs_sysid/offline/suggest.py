@@ -31,12 +31,14 @@ from gcs_sysid.offline import (
     suggestion_exports,
     suggestion_files,
     suggestion_flown,
+    suggestion_fly,
     suggestion_map,
     suggestion_target,
     summary,
     tested,
 )
 from gcs_sysid.offline.model_store import StoredModel
+from gcs_sysid.offline.suggestion_fly import Flight
 from gcs_sysid.offline.suggestion_target import Question
 
 Progress = Callable[[str, float], None]
@@ -68,6 +70,8 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         UsageError: a target that the model does not have.
     """
     started = clock.perf_counter()
+    if question.fly is not None:
+        suggestion_fly.check(question.fly, beyond=question.fly_beyond)
     home = None if question.home is None else suggestion_exports.home(question.home)
     stored = model_store.load(model_dir)
     aircraft = _aircraft(stored, model_dir)
@@ -128,6 +132,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "sortie": suggestion_entries.sortie(plan, stored.model, target, gust),
         "poor_model": sortie.poor(stored.model),
         "refused": [{"name": item.name, "reason": item.reason} for item in refused],
+        "fly": None,
         "flown": None
         if question.flown is None
         else suggestion_flown.compared(question.flown, stored.model),
@@ -135,6 +140,10 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "warnings": _warnings(gust),
         "timing": {"total_s": clock.perf_counter() - started},
     }
+    if question.fly is not None and kept:
+        progress("flying", 0.0)
+        ready = _flight(kept[0][1], listed[0], conditions, question.fly_share)
+        document["fly"] = suggestion_fly.on(question.fly, ready, progress=progress)
     documents.write_json(out / "suggest.json", document)
     if home is not None:
         suggestion_exports.missions(out, document["sortie"]["steps"], home)
@@ -313,6 +322,16 @@ def _listed(
         )
         for worth, item in kept
     ]
+
+
+def _flight(
+    item: Maneuver, entry: Mapping[str, Any], conditions: Sequence[Condition], share: float
+) -> Flight:
+    """A maneuver with what holds the aircraft while it is flown."""
+    at = next(one for one in conditions if one.trim.airspeed == item.airspeed)
+    return Flight(
+        at.aircraft, at.axes, at.trim, at.linear, item.name, item.added, entry["abort"], share
+    )
 
 
 def _unsure(

@@ -30,6 +30,9 @@ class Question:
         minutes: flight time of the sortie.
         gust: horizontal intensity to reckon with [m/s]; None takes that of the model's flight.
         home: latitude, longitude and heading of the legs [deg], for a mission; None writes none.
+        fly: link to a vehicle that flies the best maneuver at once; None for none.
+        fly_share: of its amplitude.
+        fly_beyond: whether that link may lead beyond this machine.
         flown: folder of the suggestion that has been flown since, if any.
         seed: of the aircraft and gusts drawn.
     """
@@ -40,6 +43,9 @@ class Question:
     minutes: float = 6.0
     gust: float | None = None
     home: str | None = None
+    fly: str | None = None
+    fly_share: float = 0.25
+    fly_beyond: bool = False
     flown: Path | None = None
     seed: int = 0
 

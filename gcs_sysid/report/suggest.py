@@ -101,6 +101,15 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
                 "foretold (median).",
             )
         )
+    if summary["fly"] is not None:
+        done = summary["fly"]
+        found.append(
+            Finding(
+                "On the vehicle",
+                f"{_words(done['maneuver'])} at {100.0 * done['share']:.0f} %: {done['outcome']} "
+                f"({done['flown_s']:.1f} s).",
+            )
+        )
     if not listed:
         text = (
             f"every coefficient asked about is known to {100.0 * summary['confidence']:.0f} % of "

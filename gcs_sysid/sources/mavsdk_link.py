@@ -101,6 +101,19 @@ class MavsdkLink(Closing):
             fix="use udpout: or a serial device to send",
         )
 
+    def send(self, message: dialect.MAVLink_message, system: int) -> None:
+        """Sends a message to a vehicle that MAVSDK has found; before that it is lost.
+
+        Args:
+            message: whose fields MAVSDK puts into a frame of its own.
+            system: number of the vehicle.
+        """
+        plugin = self._plugins.get(system)
+        if plugin is None:
+            return
+        told = {key: value for key, value in message.to_dict().items() if key != "mavpackettype"}
+        plugin.send_message(MavlinkMessage(message.get_type(), 0, 0, system, 0, json.dumps(told)))
+
     def close(self) -> None:
         """Ends the link."""
         self._mavsdk.destroy()

@@ -51,6 +51,24 @@ WRITES = ("maneuvers.json", "suggest.json", "maneuvers.parquet", "report.html")
     help="Where the legs begin and point (deg): writes the sortie as missions.",
 )
 @click.option(
+    "--fly",
+    metavar="LINK",
+    help="Fly the best maneuver on a simulated vehicle now: udpin:127.0.0.1:14550, mavsdk:….",
+)
+@click.option(
+    "--fly-share",
+    metavar="SHARE",
+    type=click.FloatRange(min=0.0, max=1.0),
+    default=0.25,
+    show_default=True,
+    help="Part of its amplitude that --fly flies.",
+)
+@click.option(
+    "--fly-aircraft",
+    is_flag=True,
+    help="Let --fly use a link that leads beyond this machine; a pilot stands by.",
+)
+@click.option(
     "--flown",
     metavar="DIR",
     type=click.Path(path_type=Path),
@@ -74,6 +92,9 @@ def command(
     minutes: float,
     gust: float | None,
     home: str | None,
+    fly: str | None,
+    fly_share: float,
+    fly_aircraft: bool,
     flown: Path | None,
     out: Path | None,
     seed: int,
@@ -96,6 +117,9 @@ def command(
         minutes=minutes,
         gust=gust,
         home=home,
+        fly=fly,
+        fly_share=fly_share,
+        fly_beyond=fly_aircraft,
         flown=flown,
         seed=seed,
     )

@@ -138,7 +138,8 @@ def test_the_switch_ends_it(board) -> None:
         ("airspeed", 13.0, "airspeed"), ("airspeed", 29.0, "airspeed"),
         ("airspeed", None, "no air"), ("roll", -0.75, "bank"),
         ("height", 49.0, "height"), ("load", 2.6, "load"), ("load", -0.6, "load"),
-        ("armed", False, "disarmed"), ("mode", 0, "mode"), ("rc", False, "no RC"), ("ekf", True, "EKF"),
+        ("armed", False, "disarmed"), ("mode", 0, "mode"), ("rc", False, "no RC"),
+        ("ekf", True, "EKF"),
     ],
 )  # fmt: skip
 def test_every_limit_aborts_within_sixty_milliseconds(board, name, value, why) -> None:
