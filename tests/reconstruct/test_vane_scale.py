@@ -42,8 +42,8 @@ def test_the_scale_moves_as_far_as_prior_and_feigned_part_allow(longer: int) -> 
 
 
 def test_the_deviation_told_holds_the_feigned_part() -> None:
-    told = belief(100).told(smoothed())
-    assert told.deviation[0, SCALE][0] == pytest.approx(0.1 * 0.3 / np.hypot(0.1, 0.3))
+    told = belief(100, feigned=0.5).told(smoothed())
+    assert told.deviation[0, SCALE][0] == pytest.approx(0.1 * 0.5 / np.hypot(0.1, 0.5))
     assert told.deviation[0, SCALE][1] == smoothed().deviation[0, SCALE][1]
     np.testing.assert_array_equal(told.rest, smoothed().rest)
 
