@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-thesis fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -67,6 +67,10 @@ docs: setup
 
 bench: setup
 	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file $(BENCH) || exit 1; done
+
+# The published comparison on flights whose truth is known; runs stay in out/thesis.
+bench-thesis: setup
+	@$(BIN)/python tests/benchmarks/bench_thesis.py --out out/thesis $(BENCH)
 
 # Coverage-guided: damaged logs of every format, for so many seconds each.
 FUZZ_SECONDS ?= 60
