@@ -83,26 +83,50 @@ def covariance_of_all(
     kernel: Kernel, inputs: Float[Array, "sample input"], points: Points
 ) -> Float[Array, "sample output point"]:
     """Covariance of every output at every sample with every point."""
-    outputs = jnp.arange(kernel.own_amplitude.shape[0])
-    same = (outputs[:, None] == points.output[None, :]).astype(inputs.dtype)
-    total = _own(kernel, inputs, points)[:, None, :] * same[None, :, :]
+    same = outputs_of(kernel, points)
+    if kernel.tied:
+        shared, own = parts(kernel, inputs, points)
+        total = own[:, None, :] * same.T[None, :, :]
+        for amplitude, part in zip(kernel.amplitude, shared, strict=True):
+            total = total + amplitude[None, :, None] * part[:, None, :]
+        return total
+    total = _own(kernel, inputs, points)[:, None, :] * same.T[None, :, :]
     for amplitude, scale in zip(kernel.amplitude, kernel.scale, strict=True):
         size = amplitude[:, None] * amplitude[points.output][None, :]
-        if kernel.tied:
-            part = _alike(inputs, points.inputs, scale[0])[:, None, :]
-        else:
-            rows = [
-                _smoothed(
-                    inputs,
-                    points.inputs,
-                    jnp.broadcast_to(one[None, :], inputs.shape),
-                    scale[points.output],
-                )
-                for one in scale
-            ]
-            part = jnp.stack(rows, axis=1)
-        total = total + size[None, :, :] * part
+        rows = [
+            _smoothed(
+                inputs,
+                points.inputs,
+                jnp.broadcast_to(one[None, :], inputs.shape),
+                scale[points.output],
+            )
+            for one in scale
+        ]
+        total = total + size[None, :, :] * jnp.stack(rows, axis=1)
     return total
+
+
+def parts(
+    kernel: Kernel, inputs: Float[Array, "sample input"], points: Points
+) -> tuple[Float[Array, "latent sample point"], Float[Array, "sample point"]]:
+    """What the covariances of all outputs with the points are made of, length-scales tied.
+
+    Output i has Σ_q a_qi·shared_q, and, with points of its own, `own` besides: six outputs cost
+    little more than one.
+    """
+    shared = [
+        amplitude[points.output][None, :] * _alike(inputs, points.inputs, scale[0])
+        for amplitude, scale in zip(kernel.amplitude, kernel.scale, strict=True)
+    ]
+    empty = jnp.zeros((0, inputs.shape[0], points.inputs.shape[0]))
+    return jnp.stack(shared) if shared else empty, _own(kernel, inputs, points)
+
+
+def outputs_of(kernel: Kernel, points: Points) -> Float[Array, "point output"]:
+    """1 where a point is of an output."""
+    outputs = jnp.arange(kernel.own_amplitude.shape[0])
+    same = jnp.asarray(points.output)[:, None] == outputs[None, :]
+    return same.astype(kernel.own_amplitude.dtype)
 
 
 def _own(

@@ -52,19 +52,47 @@ def mean(
     posterior: Posterior, inputs: Float[Array, "sample input"]
 ) -> Float[Array, "sample output"]:
     """The mean alone: a hundredth of the work."""
-    return dependent.covariance_of_all(posterior.kernel, inputs, posterior.points) @ (
-        posterior.weights
-    )
+    kernel, points = posterior.kernel, posterior.points
+    if not kernel.tied:
+        return dependent.covariance_of_all(kernel, inputs, points) @ posterior.weights
+    shared, own = dependent.parts(kernel, inputs, points)
+    same = dependent.outputs_of(kernel, points)
+    return (shared @ posterior.weights).T @ kernel.amplitude + (
+        own * posterior.weights[None, :]
+    ) @ same
 
 
 @jax.jit
 def predict(posterior: Posterior, inputs: Float[Array, "sample input"]) -> Belief:
     """Mean and variance at `inputs`, scaled units."""
-    cross = dependent.covariance_of_all(posterior.kernel, inputs, posterior.points)
-    known = jnp.sum((cross @ posterior.reduction) * cross, axis=-1)
     prior = dependent.variance(posterior.kernel)[None, :]
     # Rounding may leave a variance of 1e-9 of the prior on the wrong side of zero.
-    return Belief(cross @ posterior.weights, jnp.maximum(prior - known, 1e-9 * prior))
+    left = jnp.maximum(prior - _known(posterior, inputs), 1e-9 * prior)
+    return Belief(mean(posterior, inputs), left)
+
+
+def _known(
+    posterior: Posterior, inputs: Float[Array, "sample input"]
+) -> Float[Array, "sample output"]:
+    """What the data took from the prior variance, k B kᵀ of every output.
+
+    With tied length-scales k_i = Σ_q a_qi u_q + o_i, and the products of u and o with B serve all
+    outputs.
+    """
+    kernel, points, reduction = posterior.kernel, posterior.points, posterior.reduction
+    if not kernel.tied:
+        cross = dependent.covariance_of_all(kernel, inputs, points)
+        return jnp.sum((cross @ reduction) * cross, axis=-1)
+    shared, own = dependent.parts(kernel, inputs, points)
+    same = dependent.outputs_of(kernel, points)
+    known = ((own @ (reduction * (same @ same.T))) * own) @ same
+    for index, amplitude in enumerate(kernel.amplitude):
+        half = shared[index] @ reduction
+        known = known + 2.0 * amplitude[None, :] * ((half * own) @ same)
+        for other in range(shared.shape[0]):
+            size = amplitude * kernel.amplitude[other]
+            known = known + size[None, :] * jnp.sum(half * shared[other], axis=1)[:, None]
+    return known
 
 
 @jax.jit
