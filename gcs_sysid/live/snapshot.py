@@ -56,12 +56,16 @@ def restore(path: Path, model: RunningModel) -> Restored:
     """
     arrays = _read(path)
     try:
-        if int(arrays[_SCHEMA]) != SCHEMA or str(arrays[_STRUCTURE]) != model.structure:
-            raise InputError(
-                str(path),
-                "is the model of another aircraft file, or of another version of the program",
-                fix="move it away; the recording can still be continued and identified",
-            )
+        known = int(arrays[_SCHEMA]) == SCHEMA and str(arrays[_STRUCTURE]) == model.structure
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(path, error) from error
+    if not known:
+        raise InputError(
+            str(path),
+            "is the model of another aircraft file, or of another version of the program",
+            fix="move it away; the recording can still be continued and identified",
+        )
+    try:
         model.restore(arrays)
         return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]))
     except (KeyError, TypeError, ValueError) as error:
@@ -70,9 +74,10 @@ def restore(path: Path, model: RunningModel) -> Restored:
 
 def _read(path: Path) -> Mapping[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        # Opened here: NumPy leaves open what is no archive.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise _damaged(path, error) from error
 
 

@@ -11,8 +11,12 @@ import pyarrow.parquet as parquet
 import pytest
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import InputError
+from gcs_sysid.live import snapshot
 from gcs_sysid.live.coefficients import HOP, KEPT
 from gcs_sysid.live.listen import Ending, identified
+from gcs_sysid.live.regression import RunningModel
+from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import MEASURED
 from gcs_sysid.offline import documents
 from gcs_sysid.reconstruct import measurements
@@ -20,11 +24,14 @@ from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
 from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
 from gcs_sysid.reconstruct.smoother import CHUNK, _Belief, _chunk, _forward
 from gcs_sysid.sources.registry import open_recording
+from gcs_sysid.sources.stream import FrameStream
+from tests.sources.conftest import Writer
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 SETTLED_S = 15.0
 """After this the filter has learned the wind and its noise."""
+FAULTY_S = 25.0
 
 
 @pytest.fixture(scope="session")
@@ -208,3 +215,80 @@ def test_nothing_grows_with_the_flight(listened) -> None:
     assert len(station.commands._servos.rows()) == 512
     assert station.latency._ring.rows().shape[0] <= 4096
     assert all(len(waiting) <= 8 for waiting in station.rows._open.values())
+
+
+def test_the_model_goes_on_as_it_was_kept(
+    listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
+) -> None:
+    path, kept = tmp_path / snapshot.NAME, listened.station.model
+    snapshot.save(path, kept, time_us=1234, updates=77)
+    again = RunningModel(aircraft, compiled.regressors, None)
+    assert again.estimates() == {}
+    assert snapshot.restore(path, again) == snapshot.Restored(1234, 77)
+    assert kept.estimates()
+    assert again.estimates() == kept.estimates()
+
+
+def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
+    listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
+) -> None:
+    path, kept = tmp_path / snapshot.NAME, listened.station.model
+    model = RunningModel(aircraft, compiled.regressors, None)
+    snapshot.save(path, kept, time_us=1, updates=1)
+    whole = path.read_bytes()
+    for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="cannot be read as a snapshot"):
+            snapshot.restore(path, model)
+    arrays = {**kept.state(), "schema": np.array(1), "time_us": np.array(1)}
+    np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
+    with pytest.raises(InputError, match="another aircraft file"):
+        snapshot.restore(path, model)
+    first = next(name for name in arrays if name.endswith("information"))
+    arrays[first] = np.full_like(arrays[first], np.nan)
+    np.savez(path, **arrays, updates=np.array(1), structure=np.array(model.structure))
+    with pytest.raises(InputError, match="not finite"):
+        snapshot.restore(path, model)
+    assert model.estimates() == {}
+
+
+def test_a_bad_link_costs_certainty_not_truth(
+    listened, played, aircraft: Aircraft, compiled: Compiled
+) -> None:
+    """A third lost, some twice, out of order or with flipped bits, another vehicle beside."""
+    chance, now = np.random.default_rng(5), [played[0][0]]
+    station = Station(aircraft, compiled, prior=None, vehicle=1, clock_us=lambda: now[0])
+    stream, other = FrameStream(), Writer(system=2)
+    held: bytes | None = None
+    for index, (link_us, frame) in enumerate(played):
+        if link_us > played[0][0] + FAULTY_S * 1e6:
+            break
+        now[0] = link_us
+        fate = chance.random()
+        data = frame
+        if index > 200 and fate < 0.30:
+            continue  # heartbeats and parameters at the beginning arrive
+        if fate > 0.99:
+            place = int(chance.integers(len(frame)))
+            data = frame[:place] + bytes([frame[place] ^ 0x10]) + frame[place + 1 :]
+        elif fate > 0.95:
+            data = frame + frame
+        elif fate > 0.93 and held is None:
+            held = frame
+            continue
+        if index % 40 == 0:
+            data += other.frame("HEARTBEAT", type=1, autopilot=3)
+            data += other.frame("ATTITUDE", time_boot_ms=index, roll=3.0)
+        if held is not None:
+            data, held = data + held, None
+        station.receive(stream.feed(data, link_us))
+        station.work(2**62)
+    assert stream.lost["bad_crc"] + stream.lost["garbage_bytes"] > 0
+    assert list(station.decoder.others) == [2]
+    newest = station.newest
+    assert newest is not None
+    whole = min(listened.estimates, key=lambda item: abs(item.row.time - newest.row.time))
+    assert whole.row.time == pytest.approx(newest.row.time, abs=0.05)
+    spread = np.sqrt(np.diagonal(newest.flow_covariance) + np.diagonal(whole.flow_covariance))
+    assert np.all(np.abs(newest.flow - whole.flow) < 3.0 * spread)
+    assert np.all(np.diagonal(newest.flow_covariance) >= 0.5 * np.diagonal(whole.flow_covariance))

@@ -9,19 +9,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.errors import InputError, SourceError
-from gcs_sysid.live import snapshot
-from gcs_sysid.live.regression import RunningModel
-from gcs_sysid.live.station import Compiled
+from gcs_sysid.errors import SourceError
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.link import Link
 from gcs_sysid.sources.recorder import Recorder
 from gcs_sysid.sources.stream import FrameStream
-from tests.live.conftest import Listened
 
 PATIENCE_S = 60.0
 PROGRAM = """
@@ -86,41 +80,6 @@ def listening(port: int) -> bool:
         except OSError:
             return True
     return False
-
-
-def test_the_model_goes_on_as_it_was_kept(
-    listened: Listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
-) -> None:
-    path, kept = tmp_path / snapshot.NAME, listened.station.model
-    snapshot.save(path, kept, time_us=1234, updates=77)
-    again = RunningModel(aircraft, compiled.regressors, None)
-    assert again.estimates() == {}
-    assert snapshot.restore(path, again) == snapshot.Restored(1234, 77)
-    assert kept.estimates()
-    assert again.estimates() == kept.estimates()
-
-
-def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
-    listened: Listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
-) -> None:
-    path, kept = tmp_path / snapshot.NAME, listened.station.model
-    model = RunningModel(aircraft, compiled.regressors, None)
-    snapshot.save(path, kept, time_us=1, updates=1)
-    whole = path.read_bytes()
-    for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
-        path.write_bytes(damaged)
-        with pytest.raises(InputError, match="cannot be read as a snapshot"):
-            snapshot.restore(path, model)
-    arrays = {**kept.state(), "schema": np.array(1), "time_us": np.array(1)}
-    np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
-    with pytest.raises(InputError, match="another aircraft file"):
-        snapshot.restore(path, model)
-    first = next(name for name in arrays if name.endswith("information"))
-    arrays[first] = np.full_like(arrays[first], np.nan)
-    np.savez(path, **arrays, updates=np.array(1), structure=np.array(model.structure))
-    with pytest.raises(InputError, match="not finite"):
-        snapshot.restore(path, model)
-    assert model.estimates() == {}
 
 
 def test_parts_of_a_recording_are_one_flight(
