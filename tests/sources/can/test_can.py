@@ -225,3 +225,12 @@ def test_damage_never_breaks_the_reader(flips: list[tuple[int, int]], seed: int)
     pieces, _ = streams.pieces(found)
     assert all(np.all(np.isfinite(piece.time_us)) for piece in pieces)
     assert set(lost) == {"can_unknown", "can_bad_crc", "can_truncated"}
+
+
+def test_measurement_data_files_are_read(tmp_path: Path) -> None:
+    """As python-can's own writer makes them."""
+    pytest.importorskip("asammdf", reason="asammdf, which reads and writes .mf4, is not installed")
+    bus, begun = Bus(), 1_790_000_000.0
+    bus.send(begun, "air_data.AngleOfAttack", sensor_id=254, aoa=0.125)
+    bus.send(begun + 1.0, "ahrs.RawIMU", rate_gyro_latest=[0.5, -0.25, 0.125])
+    assert files.frames(bus.save(tmp_path / "bus.mf4")) == frames(bus)
