@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.estimate.result import AeroModel
@@ -139,7 +139,7 @@ def told(model: AeroModel) -> dict[str, Any]:
 
 
 def confidence_map(
-    model: AeroModel, aircraft: Aircraft, table: Mapping[str, Float[np.ndarray, " sample"]]
+    model: AeroModel, aircraft: Aircraft, table: Mapping[str, Shaped[np.ndarray, " sample"]]
 ) -> dict[str, Any]:
     """The confidence map of `summary.json`, over the aircraft file's envelope.
 
