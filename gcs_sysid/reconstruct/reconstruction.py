@@ -286,6 +286,7 @@ def _stated(deviation: Float[np.ndarray, " state"], data: FlightData, aircraft: 
     if aircraft.vanes is not None:
         put_error("vane_bias", "vane_scale", aircraft.vanes.alpha, 0)
         put_error("vane_bias", "vane_scale", aircraft.vanes.beta, 1)
+        put("vane_delay", aircraft.vanes.alpha.lag_sigma)
     for group in ("airspeed", "velocity", "attitude", "vanes"):
         timing = aircraft.streams.get(data.used.get(group, ""))
         if timing is not None:

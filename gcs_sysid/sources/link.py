@@ -7,6 +7,7 @@ bounded mailbox. A slow reader therefore never delays the link; what it could no
 from __future__ import annotations
 
 import re
+import socket
 import threading
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from gcs_sysid.sources.closing import Closing
 SCHEMES = ("udp:", "udpin:", "udpout:", "tcp:")
 """Beginnings of link addresses; a serial device is a path: /dev/ttyUSB0,57600 or COM3,57600."""
 
+_WAITING = ("udp:", "udpin:")
 _HOST_AND_PORT = re.compile(r"[^:\s]+:\d{1,5}")
 _LARGEST_READ = 65535
 _BAUD = 115200
@@ -148,10 +150,23 @@ def _open(address: str) -> _Port:
             address, "is no host and port number", fix="write it as udp:127.0.0.1:14550"
         )
     try:
+        if address.startswith(_WAITING):
+            _alone(address)
         # One attempt: pymavlink prints and sleeps between several.
         return mavutil.mavlink_connection(address, retries=1)
     except OSError as error:
         raise _broken(address, error) from error
+
+
+def _alone(address: str) -> None:
+    """Fails where another program holds the port: pymavlink would share it, and one of both starve.
+
+    Raises:
+        OSError: the port is taken, or no port of this computer.
+    """
+    _, host, port = address.split(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((host, int(port)))
 
 
 def _broken(address: str, error: OSError) -> SourceError:

@@ -78,6 +78,15 @@ def test_a_listening_link_answers_whom_it_heard() -> None:
         assert vehicle.read(0.0) == b""
 
 
+def test_a_port_that_somebody_listens_to_is_not_shared() -> None:
+    """Datagrams go to one of two listeners; the other would wait for ever, or both miss some."""
+    with (
+        Link("udp:127.0.0.1:0") as first,
+        pytest.raises(SourceError, match=r"already in use.*nothing else uses it"),
+    ):
+        Link(f"udp:127.0.0.1:{first.local_port}")
+
+
 def test_tcp_and_its_end() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         with Link(f"tcp:127.0.0.1:{server.getsockname()[1]}") as link:
