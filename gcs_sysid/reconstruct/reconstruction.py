@@ -55,8 +55,8 @@ PRIOR = {
     "airspeed_delay": 0.05,
     "velocity_delay": 0.1,
     "attitude_delay": 0.02,
-    # Gusts move the aircraft before the filter has seen all of them, and so feign lateness of vanes:
-    # 31 ms where none flew, and with it 1.2° of bias. It is believed as the file states it.
+    # Gusts move the aircraft before the filter has seen all of them, and so feign that vanes are
+    # late: by 31 ms where they were not, and with it 1.2° of bias. The file's word counts.
     "vane_delay": 0.001,
     "gyro_scale": 0.01,
     "accelerometer_scale": 0.01,

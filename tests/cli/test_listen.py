@@ -23,7 +23,20 @@ AIRCRAFT = str(ROOT / "data/aircraft/ultra_stick_25e.toml")
 
 def test_a_link_that_cannot_be_opened_is_one_line_and_leaves_no_folder(tmp_path, capsys):
     out = tmp_path / "out"
-    assert entry.main(["listen", "carrier-pigeon", "--aircraft", AIRCRAFT, "--no-dashboard", "--out", str(out)]) == 1
+    assert (
+        entry.main(
+            [
+                "listen",
+                "carrier-pigeon",
+                "--aircraft",
+                AIRCRAFT,
+                "--no-dashboard",
+                "--out",
+                str(out),
+            ]
+        )
+        == 1
+    )
     err = capsys.readouterr().err
     assert err.startswith("gcs-sysid: carrier-pigeon: is neither a link nor a serial device")
     assert err.count("\n") == 1
@@ -58,7 +71,15 @@ def test_a_flight_that_cannot_be_identified_is_kept_and_says_why(
 
     monkeypatch.setattr(listen, "identified", refuse)
     out = tmp_path / "out"
-    arguments = ["listen", "udp:127.0.0.1:1", "--aircraft", AIRCRAFT, "--no-dashboard", "--out", str(out)]
+    arguments = [
+        "listen",
+        "udp:127.0.0.1:1",
+        "--aircraft",
+        AIRCRAFT,
+        "--no-dashboard",
+        "--out",
+        str(out),
+    ]
     assert entry.main(arguments) == 1
     said = capsys.readouterr()
     assert said.out == f"The link fell quiet; recorded to {out / 'recording.tlog'}\n"
@@ -95,7 +116,10 @@ def test_ctrl_c_ends_the_recording_and_nothing_heard_is_said(tmp_path, capsys, m
 
     monkeypatch.setattr(listen, "_listen", interrupted)
     out = tmp_path / "out"
-    assert entry.main(["listen", link, "--aircraft", AIRCRAFT, "--no-dashboard", "--out", str(out)]) == 1
+    assert (
+        entry.main(["listen", link, "--aircraft", AIRCRAFT, "--no-dashboard", "--out", str(out)])
+        == 1
+    )
     assert shown.is_set()
     err = capsys.readouterr().err
     assert f"{link}: nothing was received in" in err
