@@ -59,7 +59,9 @@ class Flight:
 def run(*arguments: str | Path) -> None:
     """A command of the program, quietly."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        entry.main([str(argument) for argument in arguments], standalone_mode=False)
+        status = entry.main([str(argument) for argument in arguments])
+    if status:
+        raise SystemExit(f"{' '.join(map(str, arguments))}: ended with {status}")
 
 
 def load(table: Path, truth: Path, aircraft: Path) -> Flight:
