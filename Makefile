@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-thesis fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-maneuvers bench-thesis fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -71,6 +71,10 @@ bench: setup
 # The published comparison on flights whose truth is known; runs stay in out/thesis.
 bench-thesis: setup
 	@$(BIN)/python tests/benchmarks/bench_thesis.py --out out/thesis $(BENCH)
+
+# Closed loop on the aircraft of data/: BENCH="--aircraft ultra_stick_25e --seeds 1" for a part.
+bench-maneuvers: setup
+	@$(BIN)/python tests/benchmarks/closed_loop.py $(BENCH)
 
 # Coverage-guided: damaged logs of every format, for so many seconds each.
 FUZZ_SECONDS ?= 60

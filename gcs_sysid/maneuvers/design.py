@@ -15,7 +15,7 @@ from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.envelope import Excursion
 from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Drawn, Fleet, Flown, Simulator
 from gcs_sysid.maneuvers.holding import Linear
-from gcs_sysid.maneuvers.information import Covariances, Gain, Rows
+from gcs_sysid.maneuvers.information import Added, Gain, Knowledge, Rows
 from gcs_sysid.maneuvers.recipes import Place, Recipe
 from gcs_sysid.model.trim import Trim
 
@@ -87,7 +87,7 @@ class Maneuver:
         flown: motions of the drawn aircraft, answer after the input included.
         excursion: how far these go.
         rows: what it adds to each coefficient's fit, the mean over aircraft in calm air.
-        each: the information of each of these aircraft by coefficient.
+        each: what each of these aircraft's flights adds, by coefficient.
     """
 
     recipe: Recipe
@@ -97,7 +97,7 @@ class Maneuver:
     flown: Flown
     excursion: Excursion
     rows: Mapping[str, Rows]
-    each: Mapping[str, Float[np.ndarray, "draw term term"]]
+    each: Mapping[str, tuple[Added, ...]]
 
     @property
     def added(self) -> Float[np.ndarray, "sample input"]:
@@ -114,14 +114,14 @@ class Maneuver:
         """Unique in a sortie."""
         return f"{self.recipe.name}_{self.airspeed:.0f}mps"
 
-    def information(self) -> Covariances:
-        """What it adds, by coefficient."""
-        return {name: item.information for name, item in self.rows.items()}
+    def knowledge(self) -> Knowledge:
+        """What it adds to every coefficient's fit."""
+        return {name: item.added for name, item in self.rows.items()}
 
-    def gains(self, model: AeroModel, before: Covariances, *, repeats: int = 1) -> dict[str, Gain]:
+    def gains(self, model: AeroModel, known: Knowledge, *, repeats: int = 1) -> dict[str, Gain]:
         """Uncertainty of every coefficient before and after it."""
         return {
-            name: information.gain(model.fits[name], item, before[name], repeats=repeats)
+            name: information.gain(model.fits[name], item, known[name], repeats=repeats)
             for name, item in self.rows.items()
         }
 
@@ -277,9 +277,7 @@ def _maneuver(at: Condition, recipe: Recipe, share: float, path: Flown) -> Maneu
     return Maneuver(recipe, share, at.trim.airspeed, at.height, path, excursion, rows, each)
 
 
-def _rows(
-    at: Condition, calm: Flown
-) -> tuple[dict[str, Rows], dict[str, Float[np.ndarray, "draw term term"]]]:
+def _rows(at: Condition, calm: Flown) -> tuple[dict[str, Rows], dict[str, tuple[Added, ...]]]:
     """What each aircraft's flight adds to every coefficient's fit, and the mean of these."""
     values = [
         flown.regressor_values(at.aircraft, at.trim.density, calm, draw)
@@ -288,9 +286,10 @@ def _rows(
     found, each = {}, {}
     for name in at.model.fits:
         parts = [information.rows(at.model, name, item, STEP) for item in values]
-        each[name] = np.stack([part.information for part in parts])
+        each[name] = tuple(part.added for part in parts)
+        mean = np.mean([part.added.information for part in parts], axis=0)
         found[name] = Rows(
-            each[name].mean(axis=0),
+            Added(mean, parts[0].added.samples),
             np.mean([part.mean for part in parts], axis=0),
             float(np.mean([part.spread for part in parts])),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from gcs_sysid import regressors
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.design import AFTER, Maneuver
-from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.information import Added, Covariances, Knowledge
 from gcs_sysid.maneuvers.target import Target
 
 SETTLE = 5.0
@@ -87,28 +87,18 @@ def poor(model: AeroModel) -> bool:
     )
 
 
-def robust_worth(
-    target: Target, model: AeroModel, before: Covariances, maneuver: Maneuver
-) -> float:
+def robust_worth(target: Target, model: AeroModel, known: Knowledge, maneuver: Maneuver) -> float:
     """Worth of a maneuver, the mean over aircraft drawn from the posterior."""
-    count = next(iter(maneuver.each.values())).shape[0]
-    return float(
-        np.mean(
-            [
-                target.worth(
-                    model, before, {name: item[draw] for name, item in maneuver.each.items()}
-                )
-                for draw in range(count)
-            ]
-        )
-    )
+    count = len(next(iter(maneuver.each.values())))
+    flights = [{name: item[draw] for name, item in maneuver.each.items()} for draw in range(count)]
+    return float(np.mean([target.worth(model, known, more) for more in flights]))
 
 
 def ranked(
-    target: Target, model: AeroModel, before: Covariances, maneuvers: Sequence[Maneuver]
+    target: Target, model: AeroModel, known: Knowledge, maneuvers: Sequence[Maneuver]
 ) -> list[tuple[float, Maneuver]]:
     """Maneuvers by worth for their flight time, best first, with that worth [1/s]."""
-    scored = [(robust_worth(target, model, before, item) / cost(item), item) for item in maneuvers]
+    scored = [(robust_worth(target, model, known, item) / cost(item), item) for item in maneuvers]
     return sorted(scored, key=lambda pair: -pair[0])
 
 
@@ -117,7 +107,6 @@ def planned(
     model: AeroModel,
     maneuvers: Sequence[Maneuver],
     *,
-    before: Covariances,
     budget: float,
 ) -> Sortie:
     """One maneuver after the other, each the one that is worth most for its time then.
@@ -129,27 +118,33 @@ def planned(
         target: what is to be known better.
         model: identified so far.
         maneuvers: to choose from.
-        before: covariance of every coefficient's terms.
         budget: flight time [s].
     """
-    known, steps, used = dict(before), [], 0.0
+    start = information.nothing(model)
+    known, steps, used = start, [], 0.0
     careful = CAREFUL if poor(model) else ()
     while maneuvers:
         left = [item for item in maneuvers if used + _cost(item, steps, careful) <= budget]
         if not left:
             break
-        rate, best = ranked(target, model, known, left)[0]
-        if rate * cost(best) < LEAST_WORTH:
+        worths = [target.worth(model, known, item.knowledge()) for item in left]
+        best_at = max(range(len(left)), key=lambda index: worths[index] / cost(left[index]))
+        best = left[best_at]
+        if worths[best_at] < LEAST_WORTH:
             break
         first = not any(step.maneuver is best for step in steps)
         for share in (*(careful if first else ()), 1.0):
-            worth = robust_worth(target, model, known, _smaller(best, share))
+            later = information.with_more(known, best.knowledge(), share=share)
+            worth = target.worth(model, known, _smaller(best.knowledge(), share))
             steps.append(_step(best, share, len(steps), used, worth))
             used += cost(best)
-            for name, added in best.information().items():
-                fit = model.fits[name]
-                known[name] = information.after(known[name], fit, share**2 * added)
-    return Sortie(tuple(steps), used, dict(before), known)
+            known = later
+    return Sortie(tuple(steps), used, covariances(model, start), covariances(model, known))
+
+
+def covariances(model: AeroModel, known: Knowledge) -> Covariances:
+    """Covariance of every coefficient's terms."""
+    return {name: information.covariance(model.fits[name], item) for name, item in known.items()}
 
 
 def _cost(item: Maneuver, steps: Sequence[Step], careful: tuple[float, ...]) -> float:
@@ -157,11 +152,9 @@ def _cost(item: Maneuver, steps: Sequence[Step], careful: tuple[float, ...]) -> 
     return cost(item) * (1 if tried else 1 + len(careful))
 
 
-def _smaller(item: Maneuver, share: float) -> Maneuver:
-    """What it teaches at a share of its amplitude: information goes with the square."""
-    if share == 1.0:
-        return item
-    return replace(item, each={name: share**2 * value for name, value in item.each.items()})
+def _smaller(more: Knowledge, share: float) -> Knowledge:
+    """What a maneuver teaches at a share of its amplitude: information goes with the square."""
+    return {name: Added(share**2 * item.information, item.samples) for name, item in more.items()}
 
 
 def _step(item: Maneuver, share: float, count: int, used: float, worth: float) -> Step:

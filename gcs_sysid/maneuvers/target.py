@@ -19,7 +19,7 @@ from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.information import Knowledge
 
 POINTS = 400
 """Points drawn in a region."""
@@ -44,20 +44,22 @@ class Target:
         """Coefficients that are asked about."""
         return tuple(self.questions)
 
-    def worth(self, model: AeroModel, before: Covariances, added: Covariances) -> float:
-        """What information on the terms is worth, see the module.
+    def worth(self, model: AeroModel, known: Knowledge, more: Knowledge) -> float:
+        """What more rows are worth, see the module.
 
         Args:
             model: whose fits the questions are about.
-            before: covariance of every coefficient's terms.
-            added: information by coefficient, XᵀX/v.
+            known: what was added to these fits before.
+            more: what is added now.
         """
         total = 0.0
         for name, forms in self.questions.items():
-            later = information.after(before[name], model.fits[name], added[name])
+            fit = model.fits[name]
+            before = information.covariance(fit, known[name])
+            later = information.covariance(fit, known[name].with_more(more[name]))
             for form in forms:
-                one, other = np.sum(form * before[name]), np.sum(form * later)
-                total += 0.5 * float(np.log(one / max(other, 1e-300)))
+                one, other = np.sum(form * before), np.sum(form * later)
+                total += 0.5 * float(np.log(max(one, 1e-300) / max(other, 1e-300)))
         return total
 
 

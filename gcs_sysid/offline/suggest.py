@@ -15,11 +15,11 @@ from gcs_sysid import atmosphere
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design, flown, recipes, sortie
+from gcs_sysid.maneuvers import design, flown, information, recipes, sortie
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Simulator
-from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.information import Knowledge
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
 from gcs_sysid.model import trim
@@ -77,7 +77,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     aircraft = _aircraft(stored, model_dir)
     generator = np.random.default_rng(question.seed)
     gust = _gust(model_dir, question.gust)
-    before = {name: fit.covariance for name, fit in stored.model.fits.items()}
+    known = information.nothing(stored.model)
     progress("finding level flight", 0.02)
     conditions, refused = _conditions(aircraft, stored.model, gust["value"], generator, progress)
     target = suggestion_target.chosen(
@@ -91,13 +91,14 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
             f"no maneuver for {target.words} is safe: {refused[0].reason if refused else 'none'}",
             fix="widen [envelope] where the aircraft allows it, or fly in calmer air",
         )
-    unsure = _unsure(stored.model, before, [item for item, _ in candidates], target)
+    unsure = _unsure(stored.model, known, [item for item, _ in candidates], target)
     kept: list[tuple[float, Maneuver]] = []
+    before = sortie.covariances(stored.model, known)
     plan = Sortie((), 0.0, before, before)
     if _wanted(question, unsure):
         progress("proving that they are safe", 0.7)
         kept, plan, late = _chosen(
-            target, stored.model, candidates, before, 60.0 * question.minutes, generator
+            target, stored.model, candidates, 60.0 * question.minutes, generator
         )
         refused += late
     names = (*aircraft.control_names, THROTTLE)
@@ -263,18 +264,18 @@ def _chosen(
     target: Target,
     model: AeroModel,
     candidates: Sequence[tuple[Maneuver, Condition]],
-    before: Covariances,
     budget: float,
     generator: np.random.Generator,
 ) -> tuple[list[tuple[float, Maneuver]], Sortie, list[Refusal]]:
     """The sortie and the best single maneuvers, all of them proved safe."""
     places = {item.name: at for item, at in candidates}
+    known = information.nothing(model)
     pool = [item for item, _ in candidates]
     proved: dict[str, Maneuver] = {}
     refused: list[Refusal] = []
     while True:
-        plan = sortie.planned(target, model, pool, before=before, budget=budget)
-        best = sortie.ranked(target, model, before, pool)[:LISTED]
+        plan = sortie.planned(target, model, pool, budget=budget)
+        best = sortie.ranked(target, model, known, pool)[:LISTED]
         wanted = [step.maneuver for step in plan.steps] + [item for _, item in best]
         open_ones = [item for item in wanted if item.name not in proved]
         if not open_ones:
@@ -288,7 +289,7 @@ def _chosen(
             proved[item.name] = one
             pool = [one if other is item else other for other in pool]
     kept = {item.name for item in wanted}
-    ranked = sortie.ranked(target, model, before, [item for item in pool if item.name in kept])
+    ranked = sortie.ranked(target, model, known, [item for item in pool if item.name in kept])
     return ranked, plan, refused
 
 
@@ -315,7 +316,6 @@ def _listed(
             names,
             target=target,
             model=model,
-            before=plan.before,
             allowed=aircraft.envelope,
             worth=worth,
             flown=sum(step.maneuver is item and step.share == 1.0 for step in plan.steps),
@@ -335,13 +335,13 @@ def _flight(
 
 
 def _unsure(
-    model: AeroModel, before: Covariances, candidates: Sequence[Maneuver], target: Target
+    model: AeroModel, known: Knowledge, candidates: Sequence[Maneuver], target: Target
 ) -> dict[str, dict[str, Any]]:
     """How sure the model is of each coefficient in the maneuver that varies it most."""
     found = {}
     for name in target.coefficients:
         widest = max(candidates, key=lambda item: item.rows[name].spread)
-        one = widest.gains(model, before)[name]
+        one = widest.gains(model, known)[name]
         found[name] = {
             "sd": one.before,
             "spread": one.spread,

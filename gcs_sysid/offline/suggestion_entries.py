@@ -9,9 +9,9 @@ import numpy as np
 
 from gcs_sysid.aircraft import Envelope
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design
+from gcs_sysid.maneuvers import design, information
 from gcs_sysid.maneuvers.design import Maneuver
-from gcs_sysid.maneuvers.information import Covariances, Gain
+from gcs_sysid.maneuvers.information import Gain
 from gcs_sysid.maneuvers.recipes import Kind
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
@@ -35,7 +35,6 @@ def entry(
     *,
     target: Target,
     model: AeroModel,
-    before: Covariances,
     allowed: Envelope,
     worth: float,
     flown: int,
@@ -47,7 +46,6 @@ def entry(
         names: of its columns.
         target: what it is for.
         model: identified so far.
-        before: covariance of every coefficient's terms.
         allowed: the envelope.
         worth: for the target and its flight time [1/s].
         flown: how often the sortie has it at full size.
@@ -55,7 +53,7 @@ def entry(
     reach = item.excursion
     inputs = moved(item, names)
     amplitude = np.abs(item.added).max(axis=0)
-    gains = item.gains(model, before)
+    gains = item.gains(model, information.nothing(model))
     asked = [name for name in target.coefficients if name in item.recipe.coefficients]
     asked = asked or list(target.coefficients)
     told = [name for name in gains if name in asked or name in item.recipe.coefficients]

@@ -14,8 +14,10 @@ from typing import Literal, get_args
 
 from gcs_sysid.errors import UsageError
 
-Kind = Literal["doublet", "multistep", "multisine", "step"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+Named = Literal["doublet", "multistep", "multisine", "step"]
+KINDS: tuple[Named, ...] = get_args(Named)
+"""Kinds that a scenario can name."""
+Kind = Literal[Named, "samples"]
 
 THROTTLE = "throttle"
 """Name under which a test input reaches all thrusters."""
@@ -30,11 +32,12 @@ class TestInput:
     Attributes:
         control: control of the aircraft file, or `throttle`.
         kind: `doublet`; `multistep` (3-2-1-1); `multisine`, harmonics `lines` of 1/duration;
-            `step`.
+            `step`; `samples`, any shape given by its values.
         start: when it begins [s after its leg began].
         duration: its whole length [s].
         amplitude: largest excursion [rad; throttle 0 to 1]; its sign is the first move's.
         lines: harmonics of a multisine; disjoint sets make inputs flown together orthogonal.
+        values: of `samples`, in units of the amplitude, evenly over the duration, each held.
     """
 
     __test__ = False
@@ -45,6 +48,7 @@ class TestInput:
     duration: float
     amplitude: float
     lines: tuple[int, ...] = ()
+    values: tuple[float, ...] = ()
 
 
 def signal(test: TestInput) -> Callable[[float], float]:
@@ -69,6 +73,10 @@ def _shape(test: TestInput) -> Callable[[float], float]:
             return _multistep
         case "multisine":
             return _multisine(test)
+        case "samples" if test.values:
+            return lambda phase: test.values[
+                min(int(phase * len(test.values)), len(test.values) - 1)
+            ]
     raise UsageError(f"no test input `{test.kind}`; there are {', '.join(KINDS)}")
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import linalg
 
 from gcs_sysid.errors import UsageError
-from gcs_sysid.maneuvers import axes, design, flown, holding, recipes, sizes, sortie
+from gcs_sysid.maneuvers import axes, design, flown, holding, information, recipes, sizes, sortie
 from gcs_sysid.maneuvers import target as targets
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, STEP, Simulator
@@ -188,7 +188,7 @@ def test_what_cannot_be_safe_is_refused_with_the_limit(at) -> None:
 
 
 def test_an_input_teaches_what_it_moves(at, planned) -> None:
-    before = {name: fit.covariance for name, fit in model().fits.items()}
+    before = information.nothing(model())
     pitch = planned["elevator_multisine"].gains(model(), before)
     assert pitch["Cm"].after < 0.7 * pitch["Cm"].before
     turns = planned["aileron_rudder_multisine"].gains(model(), before)
@@ -202,8 +202,8 @@ def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
     before = {name: fit.covariance for name, fit in model().fits.items()}
     known = targets.derivatives(model(), ("Cl", "Cm", "Cn"))
     items = list(planned.values())
-    ranked = sortie.ranked(known, model(), before, items)
-    plan = sortie.planned(known, model(), items, before=before, budget=300.0)
+    ranked = sortie.ranked(known, model(), information.nothing(model()), items)
+    plan = sortie.planned(known, model(), items, budget=300.0)
     assert plan.steps[0].maneuver is ranked[0][1]
     assert plan.duration <= 300.0
     worth = [step.worth / sortie.cost(step.maneuver) for step in plan.steps]
@@ -212,18 +212,17 @@ def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
     assert {step.direction for step in plan.steps} == {"out", "back"}
     for name, later in plan.after.items():
         assert np.all(np.diagonal(later) <= np.diagonal(before[name]) * (1.0 + 1e-9))
-    sure = {name: 1e-12 * value for name, value in before.items()}
-    assert sortie.planned(known, model(), items, before=sure, budget=300.0).steps == ()
+    sure = model(relative=1e-6)
+    assert sortie.planned(known, sure, items, budget=300.0).steps == ()
 
 
 def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
     loose = model(relative=0.3)
     assert sortie.poor(loose)
     assert not sortie.poor(model())
-    before = {name: fit.covariance for name, fit in loose.fits.items()}
     known = targets.derivatives(loose, ("Cm",))
     items = [planned["elevator_multisine"]]
-    plan = sortie.planned(known, loose, items, before=before, budget=300.0)
+    plan = sortie.planned(known, loose, items, budget=300.0)
     assert [step.share for step in plan.steps][:3] == [0.25, 0.5, 1.0]
 
 

@@ -11,16 +11,19 @@ from gcs_sysid.maneuvers.information import Gain
 
 KEYS = ("alpha", "qhat")
 VALUE = np.array([-2.0, -20.0])
+COVARIANCE = np.array([[0.04, 0.01], [0.01, 9.0]])
 
 
-def fitted(covariance: np.ndarray, scale: np.ndarray) -> CoefficientFit:
+def fitted(
+    covariance: np.ndarray, scale: np.ndarray, *, noise: np.ndarray = COVARIANCE
+) -> CoefficientFit:
     nothing = np.zeros(2)
     return CoefficientFit(
         keys=KEYS,
         value=VALUE,
         covariance=covariance,
         flight_value=VALUE,
-        deviations={"noise": np.sqrt(np.diagonal(covariance)), "scale": scale},
+        deviations={"noise": np.sqrt(np.diagonal(noise)), "scale": scale},
         white_deviation=nothing,
         repeated_covariance=covariance,
         discrepancy=0.0,
@@ -40,12 +43,12 @@ VALUES = {
     "alpha": 0.05 * RANDOM.standard_normal(500),
     "qhat": 0.003 * RANDOM.standard_normal(500),
 }
-COVARIANCE = np.array([[0.04, 0.01], [0.01, 9.0]])
 
 
 def gain(model: AeroModel, values: dict[str, np.ndarray], step: float) -> Gain:
     fit = model.fits["Cm"]
-    return information.gain(fit, information.rows(model, "Cm", values, step), fit.covariance)
+    none = information.nothing(model)["Cm"]
+    return information.gain(fit, information.rows(model, "Cm", values, step), none)
 
 
 def test_a_maneuver_adds_its_information() -> None:
@@ -94,3 +97,50 @@ def test_without_information_nothing_changes() -> None:
     model = AeroModel({"Cm": replace(fitted(COVARIANCE, np.zeros(2)), residual=1e6)}, ())
     found = gain(model, VALUES, information.SAMPLE)
     assert found.after == pytest.approx(found.before)
+
+
+def pulled(share: float) -> CoefficientFit:
+    """A fit that noise hardly touches, and whose terms errors of the regressors may have bent."""
+    bent = share / (1.0 - share) * np.abs(VALUE)
+    noise = 1e-4 * COVARIANCE
+    made = fitted(noise + np.diag(bent**2), np.zeros(2), noise=noise)
+    return replace(made, deviations={**made.deviations, "regressor": bent})
+
+
+def test_more_of_the_same_does_not_take_errors_of_the_regressors_away() -> None:
+    """As many rows with as much information as the fit had: half the noise variance, same pull."""
+    fit = pulled(0.2)
+    same = information.Added(np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
+    found = np.sqrt(np.diagonal(information.covariance(fit, same)))
+    np.testing.assert_allclose(found, 0.25 * np.abs(VALUE), rtol=2e-3)
+
+
+def test_larger_motion_does() -> None:
+    """Three times the amplitude for as long: 9 + 1 times the information, twice the errors."""
+    fit = pulled(0.2)
+    larger = information.Added(9.0 * np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
+    found = np.sqrt(np.diagonal(information.covariance(fit, larger)))
+    share = 0.2 * 2.0 / 10.0
+    np.testing.assert_allclose(found, share / (1.0 - share) * np.abs(VALUE), rtol=1e-2)
+
+
+def test_a_fit_that_nothing_was_added_to_is_as_sure_as_it_was() -> None:
+    for fit in (fitted(COVARIANCE, 0.1 * np.abs(VALUE)), pulled(0.3)):
+        none = information.Added(np.zeros((2, 2)), 0.0)
+        np.testing.assert_allclose(information.covariance(fit, none), fit.covariance, rtol=1e-9)
+
+
+def test_flying_the_same_flight_again_halves_the_noise() -> None:
+    """Rows count as those of the fit did, by the deviation that noise left in it."""
+    deviation = {"alpha": 0.02, "qhat": 0.001}
+    values = {name: size * RANDOM.standard_normal(1000) for name, size in deviation.items()}
+    sizes = np.array(list(deviation.values()))
+    noise = np.diag(3.0**2 / (1000.0 * sizes**2))
+    fit = replace(
+        fitted(noise, np.zeros(2), noise=noise),
+        lowest=-0.5 * information.RANGES * sizes,
+        highest=0.5 * information.RANGES * sizes,
+    )
+    found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
+    for before, after in found.derivatives.values():
+        assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)

@@ -6,28 +6,34 @@ import numpy as np
 import pytest
 
 from gcs_sysid.errors import UsageError
+from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers import target as targets
 from tests.maneuvers.made_model import model
 
 BEFORE = {name: fit.covariance for name, fit in model().fits.items()}
-NOTHING = {name: np.zeros_like(value) for name, value in BEFORE.items()}
+NOTHING = information.nothing(model())
+
+
+def more(added: np.ndarray) -> information.Knowledge:
+    """Information on the pitching moment's terms."""
+    return {**NOTHING, "Cm": information.Added(added, 1.0)}
 
 
 def test_halving_a_deviation_is_worth_the_logarithm_of_two() -> None:
     known = targets.derivative(model(), "Cm", "qhat")
     index = model().fits["Cm"].keys.index("qhat")
-    added = NOTHING["Cm"].copy()
+    added = NOTHING["Cm"].information.copy()
     # Information three times as much as before: a quarter of the variance is left.
     added[index, index] = 3.0 / BEFORE["Cm"][index, index]
-    assert known.worth(model(), BEFORE, {**NOTHING, "Cm": added}) == pytest.approx(np.log(2.0))
-    assert known.worth(model(), BEFORE, NOTHING) == pytest.approx(0.0)
+    assert known.worth(model(), NOTHING, more(added)) == pytest.approx(np.log(2.0))
+    assert known.worth(model(), NOTHING, NOTHING) == pytest.approx(0.0)
 
 
 def test_all_derivatives_count_alike_and_the_constant_does_not() -> None:
     known = targets.derivatives(model(), ("Cm",))
     assert len(known.questions["Cm"]) == 3
     added = np.diag(3.0 / np.diagonal(BEFORE["Cm"]))
-    assert known.worth(model(), BEFORE, {**NOTHING, "Cm": added}) == pytest.approx(3 * np.log(2.0))
+    assert known.worth(model(), NOTHING, more(added)) == pytest.approx(3 * np.log(2.0))
 
 
 def test_a_region_asks_where_it_is() -> None:
@@ -35,12 +41,12 @@ def test_a_region_asks_where_it_is() -> None:
     level = {"alpha": 0.05, "qhat": 0.0, "elevator": 0.0}
     far = targets.region(model(), ("Cm",), {"alpha": (0.18, 0.2)}, level)
     near = targets.region(model(), ("Cm",), {"alpha": (-0.002, 0.002)}, level)
-    slope = NOTHING["Cm"].copy()
+    slope = NOTHING["Cm"].information.copy()
     slope[1, 1] = 1e9
-    constant = NOTHING["Cm"].copy()
+    constant = NOTHING["Cm"].information.copy()
     constant[0, 0] = 1e9
     worth = [
-        [known.worth(model(), BEFORE, {**NOTHING, "Cm": added}) for added in (slope, constant)]
+        [known.worth(model(), NOTHING, more(added)) for added in (slope, constant)]
         for known in (far, near)
     ]
     assert worth[0][0] > worth[0][1]

@@ -57,3 +57,15 @@ def test_multisines_of_disjoint_lines_are_orthogonal_and_keep_their_peak():
 def test_a_multisine_without_lines_is_refused():
     with pytest.raises(UsageError, match="lines"):
         signal(TestInput("elevator", "multisine", 0.0, 1.0, 0.1))
+
+
+def test_samples_are_held_each_in_its_turn():
+    test = TestInput("elevator", "samples", 1.0, 0.06, 2.0, values=(0.5, -1.0, 0.25))
+    value = signal(test)
+    times = (0.99, 1.0, 1.019, 1.021, 1.041, 1.059, 1.061)
+    assert [value(time) for time in times] == [0.0, 1.0, 1.0, -2.0, 0.5, 0.5, 0.0]
+
+
+def test_samples_without_values_are_refused():
+    with pytest.raises(UsageError, match="samples"):
+        signal(TestInput("elevator", "samples", 0.0, 1.0, 1.0))
