@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from gcs_sysid import regressors
 from gcs_sysid.estimate import basis
@@ -92,6 +92,12 @@ class AeroModel:
         """Variables and controls that one coefficient uses, in order of first use."""
         parsed = (regressors.parse(key, controls=self.controls) for key in self.fits[name].keys)
         return tuple(dict.fromkeys(one for item in parsed for one in item.variables))
+
+    def region(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Int[np.ndarray, " sample"]:
+        """Id of the local model that answers at each condition; 0 where there is none."""
+        return np.zeros(next(iter(values.values())).shape, dtype=int)
 
     def discrepancy(self, name: str) -> float:
         """What of a predicted deviation is scatter about the model, no uncertainty of it."""

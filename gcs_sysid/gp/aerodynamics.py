@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel
 from gcs_sysid.errors import UsageError
@@ -95,6 +96,15 @@ class LearnedModel(AeroModel):
         prior = float(dependent.variance(self.process.base.kernel)[row])
         left = np.asarray(fitting.in_batches(self.process.posterior, scaled).variance)[:, row]
         return 1.0 - left / prior
+
+    def region(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Int[np.ndarray, " sample"]:
+        """Number, from 1, of the nearest inducing point; 0 throughout without a local part."""
+        if self.process.local is None:
+            return super().region(values)
+        places = KDTree(np.asarray(self.process.posterior.points.inputs))
+        return places.query(self.process.scaled(self._rows(values)))[1] + 1
 
     def discrepancy(self, name: str) -> float:
         """Deviation that is no uncertainty of the function; see `AeroModel.discrepancy`."""

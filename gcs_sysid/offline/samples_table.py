@@ -12,9 +12,6 @@ from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.offline.flight import Flight
 
-GLOBAL_MODEL = 0
-"""Region of a model that has no local parts."""
-
 
 def table(
     flights: Sequence[Flight],
@@ -73,7 +70,7 @@ def _one(
             columns[f"{name}_sd"] = np.hypot(
                 columns[f"{name}_sd"], _flow_error(samples, model, name)
             )
-    columns["region"] = np.full(samples.time.size, GLOBAL_MODEL)
+    columns["region"] = model.region(samples.regressors)
     columns["flight"] = np.full(samples.time.size, index)
     columns["t"] = samples.time
     columns |= dict(zip(("phi", "theta", "psi"), states.euler.T, strict=True))

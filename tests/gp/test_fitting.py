@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType
 
 import jax
@@ -12,7 +13,7 @@ import pytest
 from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, Value
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
-from gcs_sysid.gp import confidence, fitting, noise
+from gcs_sysid.gp import confidence, fitting, local, noise, samples
 from gcs_sysid.gp.aerodynamics import LearnedModel, plugged
 from gcs_sysid.gp.confidence import Flown
 from gcs_sysid.gp.fitting import Data, Effort, Fitted
@@ -25,8 +26,8 @@ BREAK = 0.06
 NOISE = 0.01
 EFFORT = Effort(
     settings=Settings(
-        structure=Structure(latents=1), points=60, rows=200, scaffold=16, candidates=80,
-        starts=2, steps=25,
+        structure=Structure(latents=1), points=60, rows=150, scaffold=12, candidates=80,
+        starts=1, steps=25,
     ),
     store=500,
     queries=64,
@@ -150,12 +151,12 @@ def test_inside_the_flight_model_it_is_the_same_and_differentiable(model, asked)
     }
     coefficients = plugged(model)
     flow = {name: jnp.asarray(value) for name, value in asked.items()}
-    found = np.asarray(coefficients(models, terms, flow))
+    found = np.asarray(jax.jit(lambda at: coefficients(models, terms, at))(flow))
     wanted = model.predict(asked, measured=True)
     for name in OUTPUTS:
         column = COEFFICIENTS.index(name)
         np.testing.assert_allclose(found[:, column], wanted[name].mean, atol=1e-9)
-    plain = np.asarray(aerodynamics.coefficients(models, terms, flow))
+    plain = np.asarray(jax.jit(lambda at: aerodynamics.coefficients(models, terms, at))(flow))
     np.testing.assert_array_equal(found[:, 0], plain[:, 0])
 
     def lift(alpha: jax.Array) -> jax.Array:
@@ -163,8 +164,21 @@ def test_inside_the_flight_model_it_is_the_same_and_differentiable(model, asked)
 
     one = {"alpha": np.array([0.1]), "elevator": np.array([0.0])}
     np.testing.assert_allclose(
-        float(jax.grad(lift)(jnp.asarray(0.1))), model.derivative("CZ", "alpha", one).mean[0]
+        float(jax.jit(jax.grad(lift))(jnp.asarray(0.1))),
+        model.derivative("CZ", "alpha", one).mean[0],
     )
+
+
+def test_regions_are_the_nearest_points_where_there_is_a_local_part(model, asked):
+    assert set(model.region(asked)) == {0}
+    rows = samples.rows(model.process.scaling, data(1).inputs, data(1).values, data(1).variance)
+    shape = local.Shape(np.ones(3), np.ones(2), np.ones(2))
+    process = replace(model.process, local=local.built(shape, local.stored(rows, data(1).piece)))
+    points = np.asarray(process.posterior.points.inputs)
+    here = points[7] * process.scaling.spread + process.scaling.centre
+    at = {name: here[None, column] for column, name in enumerate(INPUTS)}
+    number = replace(model, process=process).region(at)[0]
+    np.testing.assert_allclose(points[number - 1], points[7])
 
 
 def test_a_missing_input_is_named(model):
