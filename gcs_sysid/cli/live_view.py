@@ -54,6 +54,8 @@ def line(document: Document) -> str:
             f"{name} {_number(item['value'], BAND * item['sd'])}"
             for name, item in document["coefficients"].items()
         ]
+    if document["departures"]:
+        parts.append(_departures(document))
     if document["other_vehicles"]:
         parts.append(_vehicles(document))
     parts.append(_counts(document))
@@ -90,6 +92,15 @@ def _vehicles(document: Document) -> str:
     """Which vehicle is followed where several are heard."""
     heard = ", ".join(map(str, document["other_vehicles"]))
     return f"vehicle {document['vehicle']} is followed; {heard} heard too (--vehicle N chooses)"
+
+
+def _departures(document: Document) -> str:
+    """In which coefficients the aircraft file is wrong now, and since when."""
+    now = document["time_us"]
+    return "the simulation departs: " + ", ".join(
+        f"{name} since {1e-6 * (now - item['since_us']):.0f} s ({item['deviations']:+.1f} sd)"
+        for name, item in document["departures"].items()
+    )
 
 
 def _counts(document: Document) -> str:
@@ -140,6 +151,8 @@ def table(document: Document) -> Any:
             measured = _number(item["value"], BAND * item["sd"])
             grid.add_row(name, measured, words or "collecting")
         pieces.append(grid)
+    if document["departures"]:
+        pieces.append(Text(_departures(document), style="bold yellow"))
     if document["other_vehicles"]:
         pieces.append(Text(_vehicles(document), style="yellow"))
     pieces.append(Text(_counts(document), style="dim"))

@@ -63,6 +63,14 @@ def document(
             name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
             for name, terms in station.model.estimates().items()
         },
+        "departures": {
+            name: {
+                "since_us": None if epoch is None else epoch + round(one.since * 1e6),
+                "size": one.size,
+                "deviations": one.deviations,
+            }
+            for name, one in station.departures.told().items()
+        },
         "latency": {
             "packet_to_update": station.latency.percentiles(),
             "update": station.effort.percentiles(),

@@ -15,6 +15,7 @@ from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live.choice import measured
 from gcs_sysid.live.coefficients import KEPT, CoefficientWindow
 from gcs_sysid.live.commands import CommandMaps, Commands
+from gcs_sysid.live.departure import Departures
 from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
 from gcs_sysid.live.latency import Latency
@@ -73,6 +74,7 @@ class Station:
         self.commands = Commands(aircraft, compiled.maps)
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
+        self.departures = Departures(aircraft)
         self.watch = FlyingWatch(aircraft)
         self.ahead = FlyingWatch(aircraft)
         self.latency = Latency()
@@ -163,6 +165,7 @@ class Station:
             # A landing roll lasts some seconds before it is known as one, and teaches nothing.
             if self.watch.fast_enough(samples.regressors["V"][KEPT]):
                 self.model.take(samples, KEPT)
+                self.departures.take(samples, KEPT)
             if self._observer is not None:
                 self._observer(samples)
 

@@ -30,6 +30,7 @@ def document(**changes: object) -> dict:
         "link": "udp:127.0.0.1:14550",
         "vehicle": 1,
         "other_vehicles": [],
+        "departures": {},
         "phase": "flying",
         "state": STATE,
         "coefficients": {"CZ": {"value": -0.4123, "sd": 0.01, "age_s": 0.3}},
@@ -84,6 +85,14 @@ def test_before_the_first_state_only_what_is_waited_for_is_shown():
 
 def test_a_first_model_without_samples_says_that_it_collects():
     assert "collecting" in shown(document(derivatives={}))
+
+
+def test_a_simulation_that_departs_is_told_with_its_time() -> None:
+    departs = {"Cm": {"since_us": 1_000_000, "size": 0.02, "deviations": 4.26}}
+    told = document(departures=departs, time_us=13_400_000)
+    words = "the simulation departs: Cm since 12 s (+4.3 sd)"
+    assert words in live_view.line(told)
+    assert words in shown(told)
 
 
 def test_another_vehicle_is_named_with_the_way_to_choose_it():

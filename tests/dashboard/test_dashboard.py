@@ -43,6 +43,7 @@ def live(**parts: object) -> dict:
         },
         "coefficients": {"CZ": {"value": -0.4567, "sd": 0.01, "age_s": 0.3}},
         "derivatives": {"CZ": {"alpha": {"value": -4.5, "sd": 0.25}}},
+        "departures": {"CZ": {"since_us": -11_999_999, "size": 0.1, "deviations": 4.2}},
         "latency": {"packet_to_update": {"p50_ms": 3.0, "p99_ms": 9.0}},
         "counts": {
             "received": 7, "recorded": 7, "updates": 5, "decimated": 0, "late": 0, "restarts": 0,
@@ -232,6 +233,7 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert "alpha -4.50 ± 0.49" in seen
     assert html.escape("A <b>bold</b> aircraft") in seen
     assert "The vehicle refuses AOA_SSA." in seen
+    assert "CZ: the simulation departs for 12 s (4.2 standard deviations)." in seen
     assert re.search(r"Values are 4\d s old\.", seen)
     assert "lost: bad_crc 2" in seen
     across = "document.documentElement.scrollWidth - window.innerWidth"

@@ -83,6 +83,8 @@ function alarms(live, late) {
     const one = (health.streams || {})[name];
     if (one && one.age_s + late > STALE_S) words.push(`${name} stopped ${(one.age_s + late).toFixed(0)} s ago.`);
   }
+  for (const [name, one] of Object.entries(live.departures || {}))
+    words.push(`${name}: the simulation departs for ${((live.time_us - one.since_us) / 1e6).toFixed(0)} s (${one.deviations.toFixed(1)} standard deviations).`);
   const refused = Object.entries(health.requests || {}).filter(([, one]) => one.answer === "refused").map(([name]) => name);
   if (refused.length) words.push(`The vehicle refuses ${refused.join(", ")}.`);
   if (live.other_vehicles.length) words.push(`Vehicle ${live.vehicle} is followed; heard too: ${live.other_vehicles.join(", ")}.`);

@@ -1,0 +1,123 @@
+"""Since when, and in which coefficient, the simulation departs from the flight.
+
+Each window's measured coefficients are held against those of the aircraft file at the same flow and
+deflections. What the difference may be without meaning anything is counted in: the noise of the
+measurement, as if a window were one sample, the file's own uncertainty, and that of the flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import MOMENTS, Aircraft, CoefficientModel
+from gcs_sysid.estimate.coefficients import Samples
+
+BEGIN, END = 3.0, 2.0
+"""Standard deviations from which a departure begins, and below which it is over."""
+WINDOWS = 3
+"""Windows in a row before it is told: at 50 Hz two seconds."""
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A coefficient that the simulation has wrong now.
+
+    Attributes:
+        since: time of the first window [s after the epoch].
+        size: measured less simulated, over the newest window.
+        deviations: the same over what it may be.
+    """
+
+    since: float
+    size: float
+    deviations: float
+
+
+@dataclass
+class _Watched:
+    since: float | None = None
+    windows: int = 0
+    size: float = 0.0
+    deviations: float = 0.0
+
+
+class Departures:
+    """Watches the coefficients for which the aircraft file has aerodynamics without tables.
+
+    Args:
+        aircraft: its file.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._models = {
+            name: model
+            for name, model in aircraft.aerodynamics.items()
+            if model.terms and not model.tables
+        }
+        self._parsed = {
+            key: regressors.parse(key, controls=aircraft.control_names)
+            for model in self._models.values()
+            for key in model.terms
+        }
+        self._watched = {name: _Watched() for name in self._models}
+
+    def take(self, samples: Samples, kept: slice) -> None:
+        """Looks at the rows `kept` of a window."""
+        values = {name: value[kept] for name, value in samples.regressors.items()}
+        for name, model in self._models.items():
+            if name not in samples.measured:
+                continue
+            simulated, own = self._simulated(model, values)
+            variance = own + samples.noise[name][kept] ** 2
+            for variable, unsure in samples.regressor_variance.items():
+                moved = {**values, variable: values[variable] + np.sqrt(unsure[kept])}
+                variance = variance + (self._simulated(model, moved)[0] - simulated) ** 2
+            variance = variance + self._scales(name, samples, kept)
+            size = float(np.mean(samples.measured[name][kept] - simulated))
+            away = size / float(np.sqrt(np.mean(variance)))
+            _judge(self._watched[name], float(samples.time[kept][0]), size, away)
+
+    def told(self) -> dict[str, Departure]:
+        """What departs now."""
+        return {
+            name: Departure(one.since, one.size, one.deviations)
+            for name, one in self._watched.items()
+            if one.since is not None and one.windows >= WINDOWS
+        }
+
+    def _simulated(
+        self, model: CoefficientModel, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
+        """The file's coefficient, and its variance."""
+        value = variance = np.zeros_like(next(iter(values.values())))
+        for key, term in model.terms.items():
+            column = np.asarray(regressors.evaluate(self._parsed[key], values))
+            value = value + term.value * column
+            variance = variance + (term.sigma * column) ** 2
+        return value, variance
+
+    def _scales(self, name: str, samples: Samples, kept: slice) -> Float[np.ndarray, " sample"]:
+        """Variance by what mass, inertia and thrust may be wrong by."""
+        mass = self._aircraft.mass
+        weight = mass.inertia_sigma if name in MOMENTS else mass.mass_sigma
+        push = max((engine.thrust_sigma for engine in self._aircraft.propulsion), default=0.0)
+        return (weight * samples.mass_part[name][kept]) ** 2 + (
+            push * samples.thrust_part[name][kept]
+        ) ** 2
+
+
+def _judge(watched: _Watched, time: float, size: float, away: float) -> None:
+    """Begins, goes on with or ends a departure."""
+    same = watched.since is None or away * watched.deviations > 0.0
+    if abs(away) >= (BEGIN if watched.since is None else END) and same:
+        watched.since = time if watched.since is None else watched.since
+        watched.windows += 1
+    else:
+        watched.since, watched.windows = None, 0
+    watched.size, watched.deviations = size, away
