@@ -280,7 +280,7 @@ def _stop(abort: Mapping[str, Sequence[float]]) -> tuple[Pair, ...]:
         "bank": ("bank", "°", degrees),
     }
     found = [
-        Pair(label, f"outside {number(scale * low, 3)} to {number(scale * high, 3)} {unit}")
+        Pair(label, f"outside {number(scale * low, 3)} to {number(scale * high, 3)}\u00a0{unit}")
         for name, (label, unit, scale) in units.items()
         for low, high in [abort[name]]
     ]

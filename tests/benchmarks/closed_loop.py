@@ -49,6 +49,8 @@ ALL = ("ultra_stick_25e", "brumby_mk3", "skywalker_x8", "ad1_00")
 ARMS = ("suggested", "untuned", "well-timed", "d-optimal")
 TIME = 60.0
 """Of inputs in every arm [s]."""
+MINUTES = 2.3
+"""Of flight, turns and settling included: a minute of multisines, and what is foretold is of it."""
 GUST = 0.5
 """Vertical gusts [m/s], that of a moderate breeze."""
 WRONG = 0.15
@@ -113,7 +115,7 @@ def _campaign(name: str, seed: int, arms: Sequence[str]) -> dict[str, dict]:
         _identify([first], folder, folder / "before")
         document = suggest.run(
             folder / "before",
-            Question(target=None, confidence=1e-3, minutes=6.0, seed=seed),
+            Question(target=None, confidence=1e-3, minutes=MINUTES, seed=seed),
             out=_made(folder / "suggest"),
             progress=_silent,
         )
