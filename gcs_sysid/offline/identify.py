@@ -21,6 +21,7 @@ from gcs_sysid.offline import (
     advice,
     documents,
     flight,
+    learned,
     maneuver_choice,
     model_store,
     samples_table,
@@ -82,7 +83,9 @@ def run(
     structure = _structure(flights, described, by_data=stepwise)
     kept, held_out = split([item for one in flights for item in one.segments])
     scored = _fit(flights, described, structure, kept, believed)
+    scored = learned.beside(scored, flights, kept)
     final = _fit(flights, described, structure, None, believed)
+    final = learned.after_all(final, scored, flights)
     table = samples_table.table(flights, scored, held_out)
     delay = sum(one.delay.value for one in flights) / len(flights)
     provenance = summary.flights_document(flights)
@@ -197,6 +200,8 @@ def _document(
         "envelope": summary.envelope(table, aircraft.control_names),
         "trim": summary.trim(table, aircraft.control_names),
         "limits": summary.limits(aircraft),
+        "gaussian_process": learned.told(model),
+        "confidence": learned.confidence_map(model, aircraft, table),
         "warnings": advice.warnings(flights, model) + unused_keys.warnings(aircraft),
         "cannot_tell": advice.cannot_tell(found, refused, aircraft.control_names),
     }
