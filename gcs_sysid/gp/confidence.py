@@ -32,7 +32,7 @@ class Flown:
 
     Attributes:
         values: regressors of every sample, by name.
-        measured: coefficients, by name.
+        measured: coefficients, by name; NaN where there are none.
         step: sample interval [s].
     """
 
@@ -112,7 +112,7 @@ def over_envelope(
     quantities = []
     predicted = model.predict(asked, measured=False)
     for name, found in predicted.items():
-        spread = max(float(np.std(flown.measured[name])), 1e-12)
+        spread = max(float(np.nanstd(flown.measured[name])), 1e-12)
         own = np.sqrt(np.maximum(found.deviation**2 - model.discrepancy(name) ** 2, 0.0))
         quantities.append(_quantity(name, None, found.mean, own, own / spread, seconds, level))
         for variable in model.depends_on(name):

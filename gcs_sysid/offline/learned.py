@@ -22,9 +22,14 @@ from gcs_sysid.gp.posterior import Posterior
 from gcs_sysid.gp.refresh import Settings
 from gcs_sysid.gp.samples import Scaling
 from gcs_sysid.offline.flight import Flight
+from gcs_sysid.regressors import VARIABLES
 
 EFFORT = Effort(settings=Settings(starts=1, steps=30))
 """One start: whatever it finds is judged on what it has not seen."""
+
+
+ABSENT = {"alphadot_hat": 0.0, "h_over_b": 10.0}
+"""Regressors that the table of samples does not have, as they are in steady flight aloft."""
 
 
 def beside(
@@ -146,17 +151,15 @@ def confidence_map(
     Without an envelope in the file it is over what the flights visited.
     """
     used = np.asarray(table["maneuver"]) >= 0
-    values = {name: np.asarray(column)[used] for name, column in _regressors(table).items()}
+    values = {name: column[used] for name, column in _regressors(table, model.controls).items()}
     limits = aircraft.envelope
     visited = {name: np.percentile(values[name], (0.5, 99.5)) for name in ("alpha", "beta")}
     alpha, beta = (
         (visited["alpha"], visited["beta"]) if limits is None else (limits.alpha, limits.beta)
     )
     flown = Flown(
-        values={name: column for name, column in values.items() if np.all(np.isfinite(column))},
-        measured={
-            name: _finite(np.asarray(table[f"{name}_measured"])[used]) for name in model.fits
-        },
+        values=values,
+        measured={name: np.asarray(table[f"{name}_measured"])[used] for name in model.fits},
         step=float(np.median(np.diff(np.asarray(table["t"])))),
     )
     found = confidence.over_envelope(
@@ -165,13 +168,18 @@ def confidence_map(
     return confidence.document(found)
 
 
-def _finite(column: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " kept"]:
-    return column[np.isfinite(column)]
+def _regressors(
+    table: Mapping[str, np.ndarray], controls: Sequence[str]
+) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Columns of the samples table under the names that regressors have.
 
-
-def _regressors(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns of the samples table under the names that regressors have."""
-    return {**table, "Tc": table["thrust_coefficient"]}
+    Those that it lacks stand where the map is drawn: steady, and far from the ground.
+    """
+    count = np.asarray(table["t"]).size
+    out = {name: np.full(count, value) for name, value in ABSENT.items()}
+    out["Tc"] = np.asarray(table["thrust_coefficient"], dtype=float)
+    names = (*VARIABLES, *controls)
+    return out | {name: np.asarray(table[name], dtype=float) for name in names if name in table}
 
 
 def arrays(model: LearnedModel) -> dict[str, np.ndarray]:
