@@ -10,7 +10,9 @@ sensitivities, of means and intensities together from those of their covariance,
 The search goes in stages, since a filter with wrong derivatives would rather believe in wrong
 intensities: derivatives alone with intensities from the sensors and the turbulence model;
 derivatives and intensities; everything. All but the last look at the stretch of the flight with the
-most control only. After every step the nominal flight is smoothed anew, and the step is kept
+most control only. The information is good for every derivative by itself, not for
+the directions of `disguise`, in which large numbers cancel: there the curvature is measured, by the
+slope a step away. After every step the nominal flight is smoothed anew, and the step is kept
 only if the likelihood about *that* flight has grown.
 """
 
@@ -26,6 +28,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
+from gcs_sysid.estimate import disguise
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
@@ -37,6 +40,10 @@ LONGEST_LOG_STEP = 0.5
 """An intensity changes by no more than this factor's logarithm in a step."""
 SAMPLE_ROWS = 500
 """Rows on which the information of the innovations' covariance is worked out."""
+LEAST_SHARE = 0.03
+"""Least curvature along a direction, as a share of what the information says."""
+PROBE = 2.0
+"""How far away the slope is taken again, in deviations."""
 MOST_TRIALS = 7
 DIFFERENCE = 1e-3
 """Step of a parameter, in deviations or of a logarithm, for the change of a covariance."""
@@ -129,6 +136,18 @@ class Fit:
     converged: bool
 
 
+class _Measured(NamedTuple):
+    """Curvature that was measured along some directions.
+
+    Attributes:
+        along: the directions, in all parameters.
+        curvature: of the objective along them.
+    """
+
+    along: Float[np.ndarray, "direction parameter"]
+    curvature: Float[np.ndarray, "direction direction"]
+
+
 class _Point(NamedTuple):
     """Parameters with the flight smoothed under them."""
 
@@ -176,8 +195,12 @@ def fit(
             point, _ = _climbed(early, point, stage, history, f"stage {number}", progress)
         values = point.values
     point = problem.smoothed(values, flight.nominal, rounds=3)
-    point, converged = _climbed(problem, point, STAGES[-1], history, "whole flight", progress)
-    return problem.result(point, tuple(history), converged)
+    progress("whole flight: curvature where flow angles may be mistaken")
+    measured = problem.measured(point)
+    point, converged = _climbed(
+        problem, point, STAGES[-1], history, "whole flight", progress, measured
+    )
+    return problem.result(point, tuple(history), converged, measured)
 
 
 def _climbed(
@@ -187,6 +210,7 @@ def _climbed(
     history: list[float],
     name: str,
     progress: Callable[[str], None],
+    measured: _Measured | None = None,
 ) -> tuple[_Point, bool]:
     """The point where a stage ends, and whether nothing more was to be gained.
 
@@ -197,6 +221,7 @@ def _climbed(
         history: negative log posteriors, appended to.
         name: of the stage, for `progress`.
         progress: told about every step.
+        measured: curvature that is known better than by the information.
     """
     free, changes, before, damping = problem.free(stage), [], None, 0.1
     curvature = np.zeros((0, 0))
@@ -209,6 +234,8 @@ def _climbed(
         before = (point.values, slope)
         if index % RENEWED == 0:
             curvature = problem.curvature(point, intensities=stage.intensities)
+            if measured is not None:
+                curvature = _with_measured(curvature, measured)
         found, damping = _improved(
             problem, point, slope, _corrected(curvature, free, changes), free, damping
         )
@@ -267,6 +294,22 @@ def _corrected(
         if after > 0.01 * before:
             matrix = matrix - np.outer(along, along) / before + np.outer(change, change) / after
     return matrix
+
+
+def _with_measured(
+    curvature: Float[np.ndarray, "parameter parameter"], measured: _Measured
+) -> Float[np.ndarray, "parameter parameter"]:
+    """The curvature, along some directions as it was measured; positive in any case."""
+    images = measured.along @ curvature
+    stated = images @ measured.along.T
+    roots, vectors = np.linalg.eigh(0.5 * (stated + stated.T))
+    kept = roots > 1e-6 * roots[-1]
+    # Directions of unit curvature by the information.
+    unit = vectors[:, kept] / np.sqrt(roots[kept])
+    shares, turned = np.linalg.eigh(unit.T @ measured.curvature @ unit)
+    change = np.clip(shares, LEAST_SHARE, 1.0 / LEAST_SHARE) - 1.0
+    rows = (unit @ turned).T @ images
+    return curvature + (rows.T * change) @ rows
 
 
 def _improved(
@@ -410,7 +453,41 @@ class _Problem:
         share = self.flight.rows.step.shape[0] / count
         return 0.5 * share * (changes @ changes.T)
 
-    def result(self, point: _Point, history: tuple[float, ...], converged: bool) -> Fit:
+    def measured(self, point: _Point) -> _Measured | None:
+        """Curvature along the disguises of the flow angles; None with vanes, which see them."""
+        if np.asarray(self.flight.rows.measured.valid)[:, 3].any():
+            return None
+        values = self.unknowns(point.values).means.aerodynamics
+        keys = derivative_keys(values)
+        found = disguise.directions(
+            keys, point.values[: len(keys)], self.model.aircraft.control_names
+        )
+        along = np.zeros((len(found), point.values.size))
+        along[:, : len(keys)] = np.where(self._held[: len(keys)], 0.0, found)
+        along = along[np.any(along != 0.0, axis=1)]
+        if not len(along):
+            return None
+        curvature = self.curvature(point, intensities=True)
+        size = np.sqrt(np.einsum("di,ij,dj->d", along, curvature, along))
+        along *= PROBE / size[:, None]
+        here, rows = self.slope(point), []
+        for step in along:
+            there = self.smoothed(point.values + step, point.nominal, rounds=2)
+            rows.append(along @ (self.slope(there) - here))
+        return _Measured(along, 0.5 * (np.array(rows) + np.array(rows).T))
+
+    def result(
+        self,
+        point: _Point,
+        history: tuple[float, ...],
+        converged: bool,
+        measured: _Measured | None,
+    ) -> Fit:
+        """What is told.
+
+        The covariance is that of White (Econometrica 50, 1982): the slope at the truth scatters by
+        the information, and the curvature turns that into an error.
+        """
         unknowns = self.unknowns(point.values)
         nominal, smoothed = aided_smoother.iterated(
             self.model,
@@ -423,17 +500,20 @@ class _Problem:
         curvature = self.curvature(point, intensities=True)
         free = ~self._held
         covariance = np.zeros_like(curvature)
-        covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
+        chosen = np.ix_(free, free)
+        real = curvature if measured is None else _with_measured(curvature, measured)
+        inverse = np.linalg.inv(real[chosen])
+        covariance[chosen] = inverse @ curvature[chosen] @ inverse
         keys = derivative_keys(unknowns.means.aerodynamics)
-        chosen = np.arange(len(keys))
+        first = slice(len(keys))
         count = self.mean_count
         alone = curvature[:count, :count] - self._weight[:count, :count]
         return Fit(
             unknowns=unknowns,
             deviation=self.unknowns(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),
-            covariance=covariance[np.ix_(chosen, chosen)],
+            covariance=covariance[first, first],
             keys=keys,
-            bound=_bound(alone, free[:count])[chosen],
+            bound=_bound(alone, free[:count])[first],
             states=nominal,
             smoothed=smoothed,
             objective=history,

@@ -40,13 +40,13 @@ class Air(NamedTuple):
 
 
 class Turbulence(NamedTuple):
-    """How strong the gusts are and how long they last; horizontal axes alike.
+    """How strong the gusts are and how long they last; of translation, horizontal axes alike.
 
     Attributes:
         gust: standard deviation, horizontal and vertical [m/s].
         gust_time: correlation time, likewise [s].
-        spin: standard deviation of the rotation that the gust does not explain, about horizontal
-            axes and about the vertical [rad/s].
+        spin: standard deviation of the rotation that the gust does not explain, about north, east
+            and down: the specification's own differ with the axis [rad/s].
         spin_time: correlation time, likewise [s].
         coupling: entries of C: vertical gust into rotation about north and about east, gust toward
             north and toward east into rotation about down [rad/m].
@@ -54,8 +54,8 @@ class Turbulence(NamedTuple):
 
     gust: Float[Array, " two"]
     gust_time: Float[Array, " two"]
-    spin: Float[Array, " two"]
-    spin_time: Float[Array, " two"]
+    spin: Float[Array, " axis"]
+    spin_time: Float[Array, " axis"]
     coupling: Float[Array, " four"]
 
 
@@ -85,7 +85,7 @@ def correlation_times(height: float, airspeed: float) -> tuple[float, float]:
 def drift(air: Air, turbulence: Turbulence) -> Air:
     """Mean rate of change of the air, in the fields of an `Air`."""
     gust = -air.gust / _axes(turbulence.gust_time)
-    spin = -air.spin / _axes(turbulence.spin_time) + coupling_matrix(turbulence) @ gust
+    spin = -air.spin / turbulence.spin_time + coupling_matrix(turbulence) @ gust
     return Air(jnp.zeros(3), gust, spin)
 
 
@@ -96,7 +96,7 @@ def density(turbulence: Turbulence) -> Float[Array, " nine"]:
     """
     gust = 2.0 * turbulence.gust**2 / turbulence.gust_time
     spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
-    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), _axes(gust), _axes(spin)])
+    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), _axes(gust), spin])
 
 
 def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:

@@ -118,8 +118,19 @@ def derivative(aircraft: Aircraft, values: Parameters, state: State, inputs: Inp
         position=state.velocity,
         velocity=frames.rotate(state.attitude, acting.force / values.mass) + gravity,
         attitude=0.5 * frames.multiply(state.attitude, jnp.concatenate([jnp.zeros(1), state.rate])),
-        rate=jnp.linalg.solve(values.inertia, acting.moment - turning),
+        rate=_solved(values.inertia, acting.moment - turning),
     )
+
+
+def _solved(
+    inertia: Float[Array, "axis axis"], moment: Float[Array, " axis"]
+) -> Float[Array, " axis"]:
+    """Angular acceleration by Cramer's rule: cheaper than a decomposition at every step."""
+    first, second, third = inertia
+    across = jnp.stack(
+        [frames.cross(second, third), frames.cross(third, first), frames.cross(first, second)]
+    )
+    return moment @ across / (first @ across[0])
 
 
 def loads(aircraft: Aircraft, values: Parameters, state: State, inputs: Inputs) -> Loads:

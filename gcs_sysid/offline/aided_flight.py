@@ -31,7 +31,7 @@ SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken."""
 SPIN = 0.06
 """First guess of the gust's own rotation [rad/s]."""
-SPIN_TIME = (0.2, 0.12)
+SPIN_TIME = (0.2, 0.2, 0.12)
 UNMODELLED = 0.05
 """First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
 LOWEST = 30.0
@@ -137,7 +137,7 @@ def _first_noise(rows: Row, states: Reconstruction) -> Noise:
     turbulence = Turbulence(
         gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
         gust_time=jnp.log(jnp.array(times)),
-        spin=jnp.log(jnp.array([SPIN, SPIN])),
+        spin=jnp.log(jnp.full(3, SPIN)),
         spin_time=jnp.log(jnp.array(SPIN_TIME)),
         coupling=jnp.zeros(4),
     )
@@ -205,8 +205,8 @@ def beliefs(
     span = aircraft.geometry.wing_span
     turbulence = wide.turbulence._replace(
         gust_time=jnp.full(2, 0.7),
-        spin=jnp.full(2, 0.7),
-        spin_time=jnp.full(2, 0.4),
+        spin=jnp.full(3, 0.7),
+        spin_time=jnp.full(3, 0.4),
         coupling=jnp.full(4, np.pi / 4.0 / span),
     )
     noise = wide._replace(

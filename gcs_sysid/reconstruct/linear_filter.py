@@ -16,7 +16,6 @@ length and every aircraft.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -45,7 +44,7 @@ class Filtered(NamedTuple):
         updated: after them.
         log_likelihood: of the row's innovation.
         whitened: innovation over the root of its covariance, row by row.
-        factor: Cholesky factor of the innovation's covariance.
+        root: inverse of the Cholesky factor of the innovation's covariance.
         gain: by which a whitened innovation corrects the mean, transposed.
     """
 
@@ -53,7 +52,7 @@ class Filtered(NamedTuple):
     updated: Belief
     log_likelihood: Float[Array, "*sample"]
     whitened: Float[Array, "*sample row"]
-    factor: Float[Array, "*sample row row"]
+    root: Float[Array, "*sample row row"]
     gain: Float[Array, "*sample row state"]
 
 
@@ -77,10 +76,11 @@ def step(belief: Belief, row: Linearised) -> Filtered:
     covariance = row.transition @ belief.covariance @ row.transition.T + row.process
     seen = row.sensitivity @ covariance
     factor = jnp.linalg.cholesky(seen @ row.sensitivity.T + jnp.diag(row.variance))
-    gain = jax.scipy.linalg.solve_triangular(factor, seen, lower=True)
-    whitened = jax.scipy.linalg.solve_triangular(
-        factor, row.residual - row.sensitivity @ mean, lower=True
-    )
+    # Kept for everything that comes later: solved for many rows at once, two systems side by side
+    # can wait for each other for ever (jaxlib 0.10, as many threads as systems).
+    root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(factor.shape[0]), lower=True)
+    gain = root @ seen
+    whitened = root @ (row.residual - row.sensitivity @ mean)
     left = covariance - gain.T @ gain
     density = -0.5 * (
         whitened @ whitened
@@ -92,7 +92,7 @@ def step(belief: Belief, row: Linearised) -> Filtered:
         Belief(mean + gain.T @ whitened, 0.5 * (left + left.T)),
         density,
         whitened,
-        factor,
+        root,
         gain,
     )
 
@@ -142,7 +142,7 @@ def adjoint(
     Returns:
         Gradient with respect to `start`, and to every matrix of the chunk.
     """
-    unit = _whitened_sensitivity(rows, done)
+    unit = done.root @ rows.sensitivity
 
     def back(after: Belief, item: tuple[Array, ...]) -> tuple[Belief, tuple[Belief, Belief]]:
         transition, seen, gain, white = item
@@ -176,7 +176,7 @@ def adjoint(
             + white[:, None] * (step_.predicted.covariance @ plus.mean)[None, :]
             - 2.0 * gain @ plus.covariance @ step_.predicted.covariance
         )
-        inverse = jax.scipy.linalg.solve_triangular(step_.factor, jnp.eye(white.size), lower=True)
+        inverse = step_.root
         return Linearised(
             transition=minus.mean[:, None] * begun.mean[None, :]
             + 2.0 * minus.covariance @ row.transition @ begun.covariance,
@@ -189,12 +189,6 @@ def adjoint(
         )
 
     return earlier, jax.vmap(of_matrices)(rows, done, before, updated, predicted)
-
-
-def _whitened_sensitivity(rows: Linearised, done: Filtered) -> Float[Array, "sample row state"]:
-    """L⁻¹H, where L is the Cholesky factor of the innovation's covariance."""
-    solve = partial(jax.scipy.linalg.solve_triangular, lower=True)
-    return jax.vmap(solve)(done.factor, rows.sensitivity)
 
 
 def _before(start: Belief, done: Filtered) -> Belief:
@@ -238,9 +232,7 @@ def push(
     ) -> tuple[Float[Array, " state"], Pushed]:
         row, step_, pull = item
         predicted = row.transition @ now
-        whitened = -jax.scipy.linalg.solve_triangular(
-            step_.factor, row.sensitivity @ predicted, lower=True
-        )
+        whitened = -step_.root @ (row.sensitivity @ predicted)
         moved = predicted + step_.gain.T @ whitened + step_.updated.covariance @ pull
         return moved, Pushed(predicted, whitened)
 
@@ -277,7 +269,7 @@ def implicit(
     Returns:
         `later` of the chunk before, and the gradient.
     """
-    unit = _whitened_sensitivity(rows, done)
+    unit = done.root @ rows.sensitivity
 
     def back(
         after: tuple[Array, Array], item: tuple[Array, ...]
@@ -378,9 +370,7 @@ def inform(
         row, moved, changed = item
         done = step(now.belief, row)
         predicted = row.transition @ now.sensitivity + moved
-        whitened = jax.scipy.linalg.solve_triangular(
-            done.factor, changed - row.sensitivity @ predicted, lower=True
-        )
+        whitened = done.root @ (changed - row.sensitivity @ predicted)
         return Information(
             done.updated,
             predicted + done.gain.T @ whitened,
@@ -419,9 +409,7 @@ def spread_change(
         seen = by.sensitivity @ now.predicted.covariance @ row.sensitivity.T
         noise = jnp.diag(by.variance)
         spread = row.sensitivity @ predicted @ row.sensitivity.T + seen + seen.T + noise
-        unit = jax.scipy.linalg.solve_triangular(
-            now.factor, jnp.eye(now.factor.shape[0]), lower=True
-        )
+        unit = now.root
         gain = now.gain.T @ unit
         left = jnp.eye(change.shape[0]) - gain @ row.sensitivity
         mixed = gain @ by.sensitivity @ now.predicted.covariance @ left.T

@@ -65,8 +65,8 @@ def unknowns(scale: float) -> Unknowns:
         Turbulence(
             jnp.log(jnp.array([0.3, 0.3])),
             jnp.log(jnp.array([3.0, 3.0])),
-            jnp.log(jnp.array([0.02, 0.02])),
-            jnp.log(jnp.array([0.2, 0.2])),
+            jnp.log(jnp.full(3, 0.02)),
+            jnp.log(jnp.full(3, 0.2)),
             jnp.zeros(4),
         ),
         force=jnp.log(jnp.asarray(0.02)),

@@ -182,7 +182,7 @@ def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
 NOISE = Noise(
     QUIET._replace(
         gust=jnp.array([1.0, 2.0]),
-        spin=jnp.array([0.05, 0.1]),
+        spin=jnp.array([0.05, 0.07, 0.1]),
         coupling=jnp.array([0.2, 0.1, 0.3, 0.2]),
     ),
     *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.asarray(0.1)),

@@ -11,8 +11,8 @@ from gcs_sysid.model.air import Air, Turbulence
 TURBULENCE = Turbulence(
     gust=jnp.array([1.2, 1.7]),
     gust_time=jnp.array([4.0, 6.0]),
-    spin=jnp.array([0.06, 0.05]),
-    spin_time=jnp.array([0.2, 0.1]),
+    spin=jnp.array([0.06, 0.08, 0.05]),
+    spin_time=jnp.array([0.2, 0.3, 0.1]),
     coupling=jnp.array([0.1, 0.2, 0.3, -0.4]),
 )
 
@@ -20,14 +20,11 @@ TURBULENCE = Turbulence(
 def test_a_gust_of_its_stated_size_keeps_it() -> None:
     """Stationary: what the noise adds in a moment, 2 σ²/T dt, is what decay takes away."""
     added = np.asarray(air.density(TURBULENCE))
-    for part, deviation, time in (
-        (slice(3, 6), TURBULENCE.gust, TURBULENCE.gust_time),
-        (slice(6, 9), TURBULENCE.spin, TURBULENCE.spin_time),
-    ):
-        level, down = np.asarray(deviation)
-        size = np.array([level, level, down])
-        times = np.asarray(time)[[0, 0, 1]]
-        np.testing.assert_allclose(added[part] * times / 2.0, size**2, rtol=1e-12)
+    axes = np.array([0, 0, 1])
+    size, times = np.asarray(TURBULENCE.gust)[axes], np.asarray(TURBULENCE.gust_time)[axes]
+    np.testing.assert_allclose(added[3:6] * times / 2.0, size**2, rtol=1e-12)
+    size, times = np.asarray(TURBULENCE.spin), np.asarray(TURBULENCE.spin_time)
+    np.testing.assert_allclose(added[6:9] * times / 2.0, size**2, rtol=1e-12)
     np.testing.assert_allclose(added[:3], air.WIND_DRIFT**2)
 
 
@@ -39,7 +36,7 @@ def test_a_dying_gust_turns_the_air_by_the_coupling() -> None:
     dying = np.array([-0.5 / 4.0, 0.4 / 4.0, -2.0 / 6.0])
     np.testing.assert_allclose(change.gust, dying)
     coupled = np.array([0.1 * dying[2], 0.2 * dying[2], 0.3 * dying[0] - 0.4 * dying[1]])
-    np.testing.assert_allclose(change.spin, coupled - np.array([0.5, 1.0, -3.0]), rtol=1e-12)
+    np.testing.assert_allclose(change.spin, coupled - np.array([0.5, 2.0 / 3.0, -3.0]), rtol=1e-12)
 
 
 def test_scales_of_turbulence_are_those_of_the_specification() -> None:

@@ -215,11 +215,11 @@ def test_the_innovations_covariance_changes_with_all_matrices() -> None:
     moves["variance"] *= present
 
     def spreads(size: float) -> np.ndarray:
-        factor = np.asarray(linear_filter.run(start, near(size))[1].factor)
+        factor = np.linalg.inv(linear_filter.run(start, near(size))[1].root)
         return factor @ np.swapaxes(factor, 1, 2)
 
     size = 1e-6
-    factor = np.asarray(linear_filter.run(start, rows)[1].factor)
+    factor = np.linalg.inv(linear_filter.run(start, rows)[1].root)
     wanted = (spreads(size) - spreads(-size)) / 2.0
     found = factor @ np.asarray(linear_filter.spread_change(start, rows, near(size)))
     found = found @ np.swapaxes(factor, 1, 2)
