@@ -49,7 +49,9 @@ FLYING = replace(
         for name, terms in TERMS.items()
     },
 )
-QUIET = Turbulence(*(jnp.ones(2),) * 4, coupling=jnp.array([0.1, -0.2, 0.15, 0.05]))
+QUIET = Turbulence(
+    *(jnp.ones(2),) * 2, *(jnp.ones(3),) * 2, coupling=jnp.array([0.1, -0.2, 0.15, 0.05])
+)
 
 
 def means(aircraft: Aircraft) -> Means:
