@@ -1,7 +1,9 @@
 """`identify`: from recorded flights to coefficients, a model and a summary.
 
 Two fits are made. The first leaves the held-out maneuvers out and is what the scores and the
-samples table show; the second, on all maneuvers, is the model that is kept.
+samples table show; the second, on all maneuvers, is the model that is kept. Both are made inside
+the aided filter, which tells a gust from a motion; where that is not possible, or not wanted, on
+the coefficients measured with kinematic states.
 """
 
 from __future__ import annotations
@@ -10,15 +12,18 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import equation_error, stepwise
+from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.offline import (
     advice,
+    aided_fit,
+    aided_summary,
     documents,
     flight,
     learned,
@@ -28,9 +33,11 @@ from gcs_sysid.offline import (
     summary,
     unused_keys,
 )
+from gcs_sysid.offline.aided_fit import UnsettledError
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.reconstruct.segments import split
 
+Method = Literal["filter-error", "equation-error"]
 FLIGHT_IDS = 1000
 """Maneuver ids of the second flight start here, those of the third at twice this."""
 
@@ -47,6 +54,7 @@ def run(
     progress: Progress,
     columns: Path | None = None,
     can: Path | None = None,
+    method: Method = "filter-error",
 ) -> dict[str, Any]:
     """Identifies an aircraft and writes `model/`, `samples.parquet` and `summary.json` to `out`.
 
@@ -61,6 +69,8 @@ def run(
         progress: told what is being done.
         columns: what the columns are of those logs that are tables.
         can: a CAN log of the same flight; for a single log.
+        method: inside the aided filter, or by least squares on coefficients measured with kinematic
+            states.
 
     Returns:
         The summary document.
@@ -78,20 +88,22 @@ def run(
     flights = _read(logs, described, segments, vehicle, columns, can, progress)
     described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
-    progress("fitting the model", 0.9)
     believed = file_prior(described) if prior == "file" else None
     structure = _structure(flights, described, by_data=stepwise)
     kept, held_out = split([item for one in flights for item in one.segments])
-    scored = _fit(flights, described, structure, kept, believed)
-    scored = learned.beside(scored, flights, kept)
-    final = _fit(flights, described, structure, None, believed)
-    final = learned.after_all(final, scored, flights)
-    table = samples_table.table(flights, scored, held_out)
-    delay = sum(one.delay.value for one in flights) / len(flights)
-    provenance = summary.flights_document(flights)
-    model_store.save(out / "model", model_store.StoredModel(final, described, delay, provenance))
+    found = _fitted(flights, described, structure, believed, (kept, held_out), method, progress)
+    scored = learned.beside(found.scored, found.flights, kept)
+    found = found._replace(
+        scored=scored, final=learned.after_all(found.final, scored, found.flights)
+    )
+    table = samples_table.table(found.flights, found.scored, held_out)
+    delay = sum(one.delay.value for one in found.flights) / len(flights)
+    provenance = summary.flights_document(found.flights)
+    model_store.save(
+        out / "model", model_store.StoredModel(found.final, described, delay, provenance)
+    )
     documents.write_table(out / "samples.parquet", table)
-    document = _document(flights, described, final, table, held_out, prior)
+    document = _document(found, described, table, held_out, prior)
     done = clock.perf_counter()
     document["timing"] = {
         "read_s": sum(one.read_seconds for one in flights),
@@ -116,7 +128,7 @@ def _read(
     for index, log in enumerate(logs):
 
         def part(text: str, share: float, index: int = index) -> None:
-            progress(text, 0.9 * (index + share) / len(logs))
+            progress(text, 0.5 * (index + share) / len(logs))
 
         one = flight.read(
             log,
@@ -161,6 +173,57 @@ def _structure(
     return stepwise.choose(samples, aircraft, usual, [one.pieces() for one in flights])
 
 
+class _Found(NamedTuple):
+    """Models, and the flights with the states that they were made from.
+
+    `fits` are those inside the filter, none where coefficients were fitted; `reason` says why not.
+    """
+
+    flights: Sequence[Flight]
+    scored: AeroModel
+    final: AeroModel
+    fits: Sequence[Fit]
+    reason: str | None
+    notes: Sequence[str]
+
+
+def _fitted(
+    flights: Sequence[Flight],
+    aircraft: Aircraft,
+    structure: Mapping[str, Sequence[str]],
+    prior: Mapping[str, Prior] | None,
+    parts: tuple[Sequence[int], Sequence[int]],
+    method: Method,
+    progress: Progress,
+) -> _Found:
+    kept, held_out = parts
+
+    def share(text: str, done: float) -> None:
+        progress(text, 0.5 + 0.5 * done)
+
+    scored = _fit(flights, aircraft, structure, kept, prior)
+    reason = "asked for" if method == "equation-error" else _unfit(flights)
+    if reason is None:
+        try:
+            inside = aided_fit.identify(flights, aircraft, structure, prior, held_out, share)
+            return _Found(
+                inside.flights, inside.scored, inside.final, inside.fits, None, inside.notes
+            )
+        except UnsettledError as error:
+            reason = str(error)
+    share("fitting the model", 1.0)
+    final = _fit(flights, aircraft, structure, None, prior)
+    return _Found(flights, scored, final, (), reason, ())
+
+
+def _unfit(flights: Sequence[Flight]) -> str | None:
+    """Why the aided filter cannot read these flights; None where it can."""
+    for one in flights:
+        for name, why in one.samples.refused.items():
+            return f"{one.recording.source}: {name} refused: {why}"
+    return None
+
+
 def _fit(
     flights: Sequence[Flight],
     aircraft: Aircraft,
@@ -180,13 +243,13 @@ def _fit(
 
 
 def _document(
-    flights: Sequence[Flight],
+    made: _Found,
     aircraft: Aircraft,
-    model: AeroModel,
     table: Mapping[str, Any],
     held_out: Sequence[int],
     prior: str,
 ) -> dict[str, Any]:
+    flights, model = made.flights, made.final
     refused = {name: reason for one in flights for name, reason in one.samples.refused.items()}
     found = summary.derivatives(model, aircraft)
     document = {
@@ -194,6 +257,7 @@ def _document(
         "flights": summary.flights_document(flights),
         "coefficients": summary.scores(table, table["held_out"], refused),
         "derivatives": found,
+        "method": aided_summary.method(made.fits, made.reason),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
         "maneuvers": summary.maneuvers(flights, held_out),
@@ -205,6 +269,11 @@ def _document(
         "warnings": advice.warnings(flights, model) + unused_keys.warnings(aircraft),
         "cannot_tell": advice.cannot_tell(found, refused, aircraft.control_names),
     }
+    if made.fits:
+        aided_summary.put_reconstruction(document["reconstruction"], made.fits[0], flights[0])
+    elif made.reason != "asked for":
+        document["warnings"].append(f"not fitted inside the filter: {made.reason}")
+    document["warnings"] += made.notes
     if not held_out:
         document["warnings"].append(
             "no maneuver could be held out: the flight has too few, so nothing is scored"

@@ -8,6 +8,7 @@
     [runs]                       # optional
     identify = ["first"]         # by default every flight that nothing else is done with
     prior = "none"               # by default the aircraft file's aerodynamics
+    method = "filter-error"      # by default "equation-error", which takes seconds
     diagnose = ["first"]         # by default those of `identify`
     holdout = "second"           # a flight that takes no part in what `diagnose` fits
 
@@ -114,7 +115,7 @@ def plan(expected: Section, logs: Mapping[str, Path], aircraft: Path, out: Path)
         InputError: it names a flight that there is not.
     """
     runs = _section(expected, "runs")
-    runs.allow_only("identify", "prior", "diagnose", "holdout")
+    runs.allow_only("identify", "prior", "method", "diagnose", "holdout")
     predicted = _section(expected, "predict")
     predicted.allow_only(*logs)
     holdout = runs.text("holdout", allowed=tuple(logs)) if runs.has("holdout") else None
@@ -124,7 +125,9 @@ def plan(expected: Section, logs: Mapping[str, Path], aircraft: Path, out: Path)
     found = []
     if expected.has("identify") or predicted.data:
         prior = runs.text("prior", allowed=("file", "none"), default="file")
-        arguments = [*_paths(logs, fitted), *about, "--prior", prior]
+        methods = ("equation-error", "filter-error")
+        method = runs.text("method", allowed=methods, default="equation-error")
+        arguments = [*_paths(logs, fitted), *about, "--prior", prior, "--method", method]
         found.append(_run("identify", "identify", arguments, _section(expected, "identify"), out))
     for name in predicted.data:
         arguments = [str(logs[name]), "--model", str(out / "identify")]

@@ -163,7 +163,7 @@ def main() -> None:
     table.show(
         "filter_error",
         "Flow angles on clean (gusts of 3 m/s, no vanes) with the aerodynamics inside the filter, "
-        "which `identify` does not use yet",
+        "before any fit",
         ("filter", "alpha rms [°]", "beta rms [°]"),
         [(name, f"{alpha:.2f}", f"{beta:.2f}") for name, alpha, beta in rows],
     )

@@ -34,7 +34,8 @@ def gcs_sysid(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     folder = tmp_path_factory.mktemp("identify")
-    done = gcs_sysid("identify", FLIGHTS / "demo.tlog", "--aircraft", AIRCRAFT, cwd=folder)
+    arguments = [FLIGHTS / "demo.tlog", "--aircraft", AIRCRAFT, "--method", "equation-error"]
+    done = gcs_sysid("identify", *arguments, cwd=folder)
     return folder / "demo-identify", done
 
 

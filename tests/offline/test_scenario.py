@@ -24,6 +24,7 @@ def test_a_flight_that_is_predicted_is_not_identified(tmp_path):
     [identify, predict] = runs(tmp_path, "[predict.two]\n[identify]\n")
     assert identify.arguments == (
         *("one.tlog", "three.tlog", "--aircraft", "aircraft.toml", "--prior", "file"),
+        *("--method", "equation-error"),
         *("--out", "out/identify"),
     )
     assert predict.arguments == (

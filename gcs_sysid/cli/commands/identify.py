@@ -23,6 +23,15 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
     help="Start from the aircraft file's aerodynamics, or ignore them.",
 )
 @click.option(
+    "--method",
+    type=click.Choice(["filter-error", "equation-error"]),
+    default="filter-error",
+    show_default=True,
+    help="Fit inside the aided filter, which tells gusts from motion, or by least squares on "
+    "coefficients measured with kinematic states: seconds instead of minutes, for calm air or "
+    "flow vanes.",
+)
+@click.option(
     "--stepwise", is_flag=True, help="Choose the model's terms from the data, step by step."
 )
 @options.segments
@@ -36,6 +45,7 @@ def command(
     logs: tuple[Path, ...],
     aircraft: Path,
     prior: Literal["file", "none"],
+    method: Literal["filter-error", "equation-error"],
     stepwise: bool,
     segments: Path | None,
     vehicle: int | None,
@@ -60,6 +70,7 @@ def command(
             logs,
             aircraft,
             prior=prior,
+            method=method,
             segments=segments,
             vehicle=vehicle,
             columns=columns,
