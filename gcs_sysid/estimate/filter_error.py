@@ -70,16 +70,16 @@ class Stage(NamedTuple):
 
 
 STAGES = (
-    Stage(False, ("accelerometer_bias",), False, 6, 100.0),
+    Stage(False, ("accelerometer_bias",), False, 12, 100.0),
     Stage(
         False,
         ("accelerometer_bias", "gyro_bias", "surface_delay", "moment_lag", "attitude_delay"),
         True,
-        12,
+        30,
         5.0,
     ),
-    Stage(False, aided.Sensors._fields, True, 8, 2.0),
-    Stage(True, aided.Sensors._fields, True, 15, 1.0),
+    Stage(False, aided.Sensors._fields, True, 10, 2.0),
+    Stage(True, aided.Sensors._fields, True, 25, 1.0),
 )
 STRETCH = 4000
 """Rows of the stretch on which the search begins."""

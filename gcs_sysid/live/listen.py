@@ -262,9 +262,6 @@ def identified(
         stepwise=False,
         out=out,
         progress=progress,
-        # On the field what was flown is wanted at once; the recording can be fitted inside the
-        # filter later.
-        method="equation-error",
     )
 
 

@@ -1,9 +1,9 @@
 """`identify`: from recorded flights to coefficients, a model and a summary.
 
 Two fits are made. The first leaves the held-out maneuvers out and is what the scores and the
-samples table show; the second, on all maneuvers, is the model that is kept. Both are made inside
-the aided filter, which tells a gust from a motion; where that is not possible, or not wanted, on
-the coefficients measured with kinematic states.
+samples table show; the second, on all maneuvers, is the model that is kept. Both are made on the
+coefficients measured with kinematic states or, if that is asked for and possible, inside the aided
+filter, which tells a gust from a motion.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def run(
     progress: Progress,
     columns: Path | None = None,
     can: Path | None = None,
-    method: Method = "filter-error",
+    method: Method = "equation-error",
 ) -> dict[str, Any]:
     """Identifies an aircraft and writes `model/`, `samples.parquet` and `summary.json` to `out`.
 
@@ -69,8 +69,8 @@ def run(
         progress: told what is being done.
         columns: what the columns are of those logs that are tables.
         can: a CAN log of the same flight; for a single log.
-        method: inside the aided filter, or by least squares on coefficients measured with kinematic
-            states.
+        method: by least squares on coefficients measured with kinematic states, or inside the aided
+            filter.
 
     Returns:
         The summary document.

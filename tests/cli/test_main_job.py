@@ -34,8 +34,7 @@ def gcs_sysid(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     folder = tmp_path_factory.mktemp("identify")
-    arguments = [FLIGHTS / "demo.tlog", "--aircraft", AIRCRAFT, "--method", "equation-error"]
-    done = gcs_sysid("identify", *arguments, cwd=folder)
+    done = gcs_sysid("identify", FLIGHTS / "demo.tlog", "--aircraft", AIRCRAFT, cwd=folder)
     return folder / "demo-identify", done
 
 

@@ -148,7 +148,7 @@ def identified(recorded) -> dict[str, Any]:
     """What `identify` makes of the recording, as a user has it."""
     folder, _ = recorded
     command = [sys.executable, "-m", "gcs_sysid", "identify", "flight.tlog", "--prior", "none"]
-    command += ["--aircraft", "aircraft.toml", "--method", "equation-error", "--out", "out"]
+    command += ["--aircraft", "aircraft.toml", "--out", "out"]
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=280, check=False
     )

@@ -162,7 +162,6 @@ def test_without_surfaces_identification_is_refused_in_one_line(shared, tmp_path
             out=tmp_path,
             progress=lambda *_: None,
             columns=map_path,
-            method="equation-error",
         )
     message = str(caught.value)
     assert "no surface command was recorded in flight" in message

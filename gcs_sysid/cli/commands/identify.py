@@ -24,12 +24,12 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 )
 @click.option(
     "--method",
-    type=click.Choice(["filter-error", "equation-error"]),
-    default="filter-error",
+    type=click.Choice(["equation-error", "filter-error"]),
+    default="equation-error",
     show_default=True,
-    help="Fit inside the aided filter, which tells gusts from motion, or by least squares on "
-    "coefficients measured with kinematic states: seconds instead of minutes, for calm air or "
-    "flow vanes.",
+    help="Least squares on coefficients measured with kinematic states: seconds, for calm air or "
+    "flow vanes; or inside a filter that knows the aerodynamics and so tells gusts from motion: "
+    "minutes.",
 )
 @click.option(
     "--stepwise", is_flag=True, help="Choose the model's terms from the data, step by step."
