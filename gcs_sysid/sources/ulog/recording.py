@@ -50,20 +50,20 @@ _KINDS: Mapping[int, str] = {
 Topics = Mapping[tuple[str, int], Topic]
 
 
-class _Careful(io.BytesIO):
-    """A file in memory that tells how far it was read, and ends where damage would trap pyulog.
+class _Careful(io.BufferedReader):
+    """A file that tells how far it was read, and ends where damage would trap pyulog.
 
     Behind a header that announces more bytes than the file has left, pyulog 1.3 goes back by what
     was announced instead of by what was read, and finds itself where it was before, without end.
     """
 
-    def __init__(self, data: bytes, progress: Callable[[float], None]) -> None:
-        super().__init__(data)
-        self._size = len(data)
+    def __init__(self, path: Path, size: int, progress: Callable[[float], None]) -> None:
+        super().__init__(io.FileIO(path))
+        self._size = size
         self._progress = progress
         self._told = 0
         self._missing = 0
-        self._left = _READ_TIMES * len(data) + _OFTEN
+        self._left = _READ_TIMES * size + _OFTEN
 
     def read(self, size: int | None = -1, /) -> bytes:
         place = self.tell()
@@ -94,14 +94,14 @@ def open_log(path: Path, *, vehicle: int | None, progress: Callable[[float], Non
         SourceError: the file cannot be read, or is no such log.
         RefusedError: another vehicle was asked for.
     """
-    data = content.read(path)
-    if not data.startswith(MAGIC):
+    data = content.mapped(path)
+    if data[: len(MAGIC)].tobytes() != MAGIC:
         raise SourceError(str(path), "is no ULog", fix="give the .ulg that PX4 wrote")
     said = io.StringIO()
     try:
         # pyulog prints what it finds damaged; it is told in `lost` instead.
-        with contextlib.redirect_stdout(said):
-            log = ULog(_Careful(data, progress), sorted(WANTED))
+        with contextlib.redirect_stdout(said), _Careful(path, data.size, progress) as file:
+            log = ULog(file, sorted(WANTED))
     except _DAMAGED as error:
         reason = " ".join(str(error).split())[:120]
         raise SourceError(
