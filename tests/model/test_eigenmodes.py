@@ -129,7 +129,7 @@ def test_deviations_are_those_of_draws_also_where_an_oscillation_nearly_ends(sti
         slopes[place[row], place[column], index] = 1.0
     spread = 0.03 * np.array([abs(dynamics[place[r], place[c]]) for r, c in entries])
     found = {mode.name: mode for mode in named(dynamics, slopes, np.diag(spread**2))}
-    drawn = np.random.default_rng(4).standard_normal((1500, len(entries))) * spread
+    drawn = np.random.default_rng(4).standard_normal((500, len(entries))) * spread
     many = [by_name(dynamics + slopes @ move) for move in drawn]
     for name in ("short period", "dutch roll"):
         for quantity in ("frequency", "damping"):

@@ -22,7 +22,7 @@ from gcs_sysid.cli import options
 )  # fmt: skip
 @click.option("--of", "parent", type=int, hidden=True, help="End with the process of this number.")
 def command(folder: Path, host: str, port: int, parent: int | None) -> None:
-    """Show on a web page what `listen` writes into FOLDER, while it flies or afterwards.
+    """Show what `listen` writes into FOLDER on a web page.
 
     The page needs nothing from elsewhere, reads live.json, and cannot disturb the listening.
     """
