@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -62,6 +63,15 @@ class Problem:
     systematic_sigma: Float[np.ndarray, " two"]
     piece: Int[np.ndarray, " sample"]
     step: float
+
+
+class Scatter(NamedTuple):
+    """Fields of a `CoefficientFit` that depend on the values alone; see there."""
+
+    discrepancy: float
+    calibration: float
+    residual: float
+    excitation: Float[np.ndarray, " term"]
 
 
 def fit(
@@ -167,9 +177,6 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     }
     raw = sum(parts.values(), np.zeros_like(white))
     mean, covariance, kept = with_prior(value, raw, prior, problem.keys)
-    departure = problem.measured - problem.columns @ mean
-    left, noise = float(np.mean(departure**2)), float(np.mean(problem.noise**2))
-    spread = problem.columns.std(axis=0)
     return CoefficientFit(
         keys=problem.keys,
         value=mean,
@@ -178,15 +185,25 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
         white_deviation=np.sqrt(np.diagonal(white)),
         repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,
-        discrepancy=float(np.sqrt(max(left - noise, 0.0))),
-        calibration=min(1.0, left / noise),
-        residual=float(np.std(departure)),
         correlation=_correlation(problem.columns),
-        excitation=np.abs(mean) * spread / max(float(problem.measured.std()), 1e-12),
         lowest=problem.columns.min(axis=0),
         highest=problem.columns.max(axis=0),
         samples=count,
         effective_samples=_effective(count, white, coloured),
+        **scatter(problem, mean)._asdict(),
+    )
+
+
+def scatter(problem: Problem, value: Float[np.ndarray, " term"]) -> Scatter:
+    """How the measurements lie about a model with these values, however it was found."""
+    departure = problem.measured - problem.columns @ value
+    left, noise = float(np.mean(departure**2)), float(np.mean(problem.noise**2))
+    size = max(float(problem.measured.std()), 1e-12)
+    return Scatter(
+        discrepancy=float(np.sqrt(max(left - noise, 0.0))),
+        calibration=min(1.0, left / noise),
+        residual=float(np.std(departure)),
+        excitation=np.abs(value) * problem.columns.std(axis=0) / size,
     )
 
 

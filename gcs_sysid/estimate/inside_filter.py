@@ -8,6 +8,7 @@ moment takes its share; no filter can see it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -124,11 +125,8 @@ def _described(
     factor = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
     scale = factor * value
     covariance = found.covariance[chosen] + np.outer(scale, scale)
-    departure = problem.measured - problem.columns @ value
-    left, noise = float(np.mean(departure**2)), float(np.mean(problem.noise**2))
-    spread = problem.columns.std(axis=0)
-    return CoefficientFit(
-        keys=problem.keys,
+    return replace(
+        baseline,
         value=value,
         covariance=covariance,
         flight_value=flight_value[rows],
@@ -139,13 +137,5 @@ def _described(
         },
         white_deviation=found.bound[rows],
         repeated_covariance=covariance,
-        discrepancy=float(np.sqrt(max(left - noise, 0.0))),
-        calibration=min(1.0, left / noise),
-        residual=float(np.std(departure)),
-        correlation=baseline.correlation,
-        excitation=np.abs(value) * spread / max(float(problem.measured.std()), 1e-12),
-        lowest=baseline.lowest,
-        highest=baseline.highest,
-        samples=baseline.samples,
-        effective_samples=baseline.effective_samples,
+        **equation_error.scatter(problem, value)._asdict(),
     )

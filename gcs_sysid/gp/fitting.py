@@ -182,7 +182,8 @@ def more(fitted: Fitted, data: Data, effort: Effort) -> Fitted:
         explained = np.asarray(in_batches(whole, np.asarray(rows.inputs)).mean)
         left = rows.values - explained * fitted.use_global[None, :]
         kept = refresh.thinned(rows._replace(values=left), effort.store, effort.settings.seed)
-        found = local.built(found.shape, local.stored(kept, np.zeros(kept.inputs.shape[0], dtype=int)))
+        one_flight = np.zeros(kept.inputs.shape[0], dtype=int)
+        found = local.built(found.shape, local.stored(kept, one_flight))
     return replace(fitted, base=base, posterior=whole, local=found)
 
 

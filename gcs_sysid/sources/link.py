@@ -297,7 +297,7 @@ def open_link(address: str) -> AnyLink:
     return adapters.load("links", name, asked=address)(address)
 
 
-class LinkReader:
+class LinkReader(Closing):
     """Reads a link in its own thread into a mailbox. Use as a context.
 
     Args:
@@ -331,12 +331,8 @@ class LinkReader:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Stops reading."""
         self._stop.set()
         # A connection that is being tried again cannot be hurried; it ends with the program.
         self._thread.join(_FAREWELL_S)
