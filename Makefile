@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-maneuvers bench-thesis fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -75,6 +75,14 @@ bench-thesis: setup
 # Closed loop on the aircraft of data/: BENCH="--aircraft ultra_stick_25e --seeds 1" for a part.
 bench-maneuvers: setup
 	@$(BIN)/python tests/benchmarks/closed_loop.py $(BENCH)
+
+# Flights in which something is hidden, diagnosed by a program that is not told what: a dozen.
+blind: setup
+	@$(BIN)/python -m tests.blind.campaign --dozen --again --out out/blind
+
+# Hundreds; finished ones are not repeated: BENCH="--count 200 --start 0 --cause none" for a part.
+campaign: setup
+	@$(BIN)/python -m tests.blind.campaign $(BENCH)
 
 # Coverage-guided: damaged logs of every format, for so many seconds each.
 FUZZ_SECONDS ?= 60

@@ -1,0 +1,133 @@
+"""Many blind flights, one file a draw: what is finished is not repeated.
+
+    python -m tests.blind.campaign --count 200 --start 0 [--cause none] [--file exact] [--size half]
+    python -m tests.blind.campaign --dozen
+
+Draws are numbered; the same number is the same flight on any machine, so that a campaign may be cut
+in parts and done in any order. Tables are of all draws asked for. What another version of the
+program has said is not known for it: give a changed one a folder of its own, or `--again`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from tests.blind import fly, tables
+from tests.blind.draw import AIRCRAFT, FILES, SIZES, Draw, Fixed, draw
+from tests.blind.score import score
+from tests.blind.sizes import CAUSES
+from tests.blind.tables import Result
+
+_KEPT = (
+    *("verdict", "cause", "probability", "ranking", "indistinguishable", "separating_maneuver"),
+    *("effects", "unlisted", "discrepancy", "gain", "warnings", "timing", "message"),
+)
+"""What of a diagnosis a campaign keeps."""
+
+DOZEN = (
+    *(Fixed("none", name, "exact") for name in ("aerosonde", "skywalker_x8")),
+    Fixed("none", "ultra_stick_25e", "five_percent"),
+    Fixed("mass", "aerosonde", "exact", "larger"),
+    Fixed("cg_shift", "brumby_mk3", "exact", "larger"),
+    Fixed("inertia", "ultra_stick_25e", "exact", "larger"),
+    Fixed("airspeed_scale", "skywalker_x8", "exact", "larger"),
+    Fixed("actuator_lag", "aerosonde", "exact", "larger"),
+    Fixed("surface_effectiveness", "skywalker_x8", "five_percent", "larger"),
+    Fixed("thrust_scale", "brumby_mk3", "exact", "larger"),
+    Fixed("unlisted", "aerosonde", "exact", "larger"),
+    Fixed("two", "aerosonde", "exact", "larger"),
+)
+"""The flights of `make blind`."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Fly, diagnose and print."""
+    asked = _parser().parse_args(arguments)
+    if asked.dozen:
+        draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(DOZEN)]
+        tables.one_by_one(list(run(draws, asked.out, again=asked.again)))
+        return
+    fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size)
+    span = range(asked.start, asked.start + asked.count)
+    draws = [draw(i, seed=asked.seed, fixed=fixed) for i in span]
+    tables.summary(list(run(draws, asked.out, again=asked.again)))
+
+
+def run(draws: Sequence[Draw], out: Path, *, again: bool = False) -> Iterator[Result]:
+    """Results of draws in their order; what `out` holds is not flown, unless `again`."""
+    out.mkdir(parents=True, exist_ok=True)
+    for number, one in enumerate(draws, start=1):
+        kept = out / f"{name(one)}.json"
+        held = None if again else _read(kept, one)
+        if held is None:
+            held = _flown(one, out / f"{kept.stem}.flight")
+            _write(kept, held)
+        result = Result(one, score(one, held["diagnosis"]), held["seconds"], bool(held["departed"]))
+        hidden = " + ".join(sorted(one.causes)) or "none"
+        sys.stderr.write(f"{number}/{len(draws)}  {kept.stem}: {hidden} -> {result.score.said}\n")
+        yield result
+
+
+def name(one: Draw) -> str:
+    """File name of a draw: what was fixed is part of it."""
+    short = "-short" if one.short else ""
+    return f"{one.index:05d}-{one.cause}-{one.aircraft}-{one.file}-{one.size}{short}"
+
+
+def _flown(one: Draw, folder: Path) -> dict[str, Any]:
+    """A draw's document; the flight itself is not kept."""
+    try:
+        recorded = fly.fly(one, folder)
+        diagnosis: dict[str, Any] = {"verdict": "not flown"}
+        seconds = 0.0
+        if not recorded.departed:
+            diagnosis, seconds = fly.diagnose(recorded, folder / "diagnosis")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return {
+        "draw": asdict(one),
+        "departed": recorded.departed,
+        "seconds": seconds,
+        "diagnosis": {key: diagnosis[key] for key in _KEPT if key in diagnosis},
+    }
+
+
+def _read(path: Path, one: Draw) -> dict[str, Any] | None:
+    """What is held of a draw, unless it was another one then."""
+    if not path.exists():
+        return None
+    held = json.loads(path.read_text(encoding="utf-8"))
+    return held if held["draw"] == json.loads(json.dumps(asdict(one))) else None
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    """At once, so that an interrupted campaign leaves no half of a file."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    part.replace(path)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind.campaign")
+    parser.add_argument("--count", type=int, default=48, help="how many draws")
+    parser.add_argument("--start", type=int, default=0, help="number of the first")
+    parser.add_argument("--seed", type=int, default=0, help="of all draws")
+    parser.add_argument("--cause", choices=(*CAUSES, "none", "unlisted", "two"))
+    parser.add_argument("--aircraft", choices=AIRCRAFT)
+    parser.add_argument("--file", choices=FILES)
+    parser.add_argument("--size", choices=SIZES)
+    parser.add_argument("--dozen", action="store_true", help="the fixed flights of `make blind`")
+    parser.add_argument("--again", action="store_true", help="repeat what is finished")
+    parser.add_argument("--out", type=Path, default=Path("out/campaign"))
+    return parser
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""Tables of scores: what is found of what, how often, and whether stated numbers hold.
+
+References:
+    Clopper and Pearson, Biometrika 26 (1934) 404: exact intervals of a share.
+    Naeini, Cooper and Hauskrecht, AAAI (2015) 2901: expected calibration error.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import beta
+
+from tests.benchmarks import table
+from tests.blind.draw import FILES, SIZES, Draw
+from tests.blind.score import Score
+
+EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
+"""Bins of stated probabilities: finer where decisions are taken."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One draw, flown and diagnosed."""
+
+    draw: Draw
+    score: Score
+    seconds: float
+    departed: bool
+
+
+def clopper_pearson(hits: int, count: int, *, level: float = 0.95) -> tuple[float, float]:
+    """Exact interval of a share of which `hits` of `count` were seen."""
+    outside = 0.5 * (1.0 - level)
+    low = 0.0 if hits == 0 else float(beta.ppf(outside, hits, count - hits + 1))
+    high = 1.0 if hits == count else float(beta.ppf(1.0 - outside, hits + 1, count - hits))
+    return low, high
+
+
+def calibration_error(stated: Sequence[float], true: Sequence[bool]) -> float:
+    """Expected calibration error: stated probability less share that was true, over all bins."""
+    rows = reliability(stated, true)
+    return sum(count * abs(mean - share) for count, mean, share in rows) / max(len(stated), 1)
+
+
+def reliability(
+    stated: Sequence[float], true: Sequence[bool]
+) -> tuple[tuple[int, float, float], ...]:
+    """For each bin of `EDGES` with anything in it: count, mean stated probability, share true."""
+    probability, came = np.asarray(stated, dtype=float), np.asarray(true, dtype=float)
+    bins = np.clip(np.searchsorted(EDGES, probability, side="right") - 1, 0, len(EDGES) - 2)
+    return tuple(
+        (int(inside.sum()), float(probability[inside].mean()), float(came[inside].mean()))
+        for inside in (bins == i for i in range(len(EDGES) - 1))
+        if inside.any()
+    )
+
+
+def one_by_one(results: Sequence[Result]) -> None:
+    """Print a line for each flight."""
+    rows = [
+        (
+            result.draw.index,
+            " + ".join(sorted(result.draw.causes)) or "none",
+            result.draw.size if result.draw.effects else "",
+            result.draw.aircraft,
+            result.draw.file,
+            result.score.said,
+            _verdict(result),
+            "" if result.score.probability is None else f"{result.score.probability:.2f}",
+            ", ".join(f"{one.deviations:+.1f}" for one in result.score.sizes),
+            f"{result.seconds:.0f}",
+        )
+        for result in results
+    ]
+    columns = ("draw", "hidden", "size", "aircraft", "file", "said", "verdict", "stated")
+    table.show(
+        "blind",
+        "Blind flights: what was hidden and what was said",
+        (*columns, "size off [sd]", "s"),
+        rows,
+    )
+
+
+def summary(results: Sequence[Result]) -> None:
+    """Print everything that a campaign tells."""
+    flown = [result for result in results if not result.departed]
+    _confusion(flown, departed=len(results) - len(flown))
+    _power(flown)
+    _false_alarms(flown)
+    _calibration(flown)
+    _coverage(flown)
+
+
+def _verdict(result: Result) -> str:
+    if result.departed:
+        return "lost control, not counted"
+    if result.score.alone:
+        return "right"
+    if result.score.grouped:
+        return "in a group"
+    return "FALSE ALARM" if result.score.false_alarm else "wrong"
+
+
+def _confusion(results: Sequence[Result], *, departed: int) -> None:
+    rows = []
+    for cause in sorted({result.draw.cause for result in results}):
+        of_it = [result for result in results if result.draw.cause == cause]
+        instead = Counter(result.score.said for result in of_it if not result.score.alone)
+        rows.append(
+            (
+                cause,
+                len(of_it),
+                _share(of_it, lambda score: score.alone),
+                _share(of_it, lambda score: score.grouped),
+                ", ".join(f"{said} {count}" for said, count in instead.most_common(4)),
+            )
+        )
+    table.show(
+        "blind_confusion",
+        f"What was hidden and what was said ({departed} flights lost control and are not counted)",
+        ("hidden", "flights", "right and alone", "or in a group", "said instead"),
+        rows,
+    )
+
+
+def _power(results: Sequence[Result]) -> None:
+    hidden = [result for result in results if result.draw.cause not in ("none",)]
+    kinds: tuple[tuple[str, Callable[[Draw], bool]], ...] = (
+        ("one cause", lambda draw: draw.cause not in ("unlisted", "two")),
+        ("unlisted", lambda draw: draw.cause == "unlisted"),
+        ("two", lambda draw: draw.cause == "two"),
+    )
+    rows = []
+    for words, belongs in kinds:
+        for size in SIZES:
+            for file in FILES:
+                of_it = [
+                    result
+                    for result in hidden
+                    if belongs(result.draw) and (result.draw.size, result.draw.file) == (size, file)
+                ]
+                if of_it:
+                    alone = _share(of_it, lambda score: score.alone)
+                    grouped = _share(of_it, lambda score: score.grouped)
+                    rows.append((words, size, file, len(of_it), alone, grouped))
+    columns = ("hidden", "size", "file", "flights", "right and alone", "or in a group")
+    table.show("blind_power", "Power against size", columns, rows)
+
+
+def _false_alarms(results: Sequence[Result]) -> None:
+    rows = []
+    for file in FILES:
+        clean = [
+            result for result in results if result.draw.cause == "none" and result.draw.file == file
+        ]
+        if clean:
+            false = _share(clean, lambda score: score.false_alarm)
+            quiet = _share(clean, lambda score: score.alone)
+            rows.append((file, len(clean), false, quiet))
+    columns = ("file", "flights", "false alarms", "said that nothing is wrong")
+    table.show("blind_false_alarms", "Flights with nothing hidden", columns, rows)
+
+
+def _calibration(results: Sequence[Result]) -> None:
+    stated = [
+        (result.score.probability, result.score.first)
+        for result in results
+        if result.score.probability is not None
+    ]
+    if not stated:
+        return
+    probability, came = zip(*stated, strict=True)
+    rows = [
+        (f"{mean:.3f}", count, f"{share:.3f}")
+        for count, mean, share in reliability(probability, came)
+    ]
+    error = calibration_error(probability, came)
+    table.show(
+        "blind_calibration",
+        f"Stated probability of the first in the ranking: expected calibration error {error:.3f}",
+        ("stated, mean of the bin", "flights", "true"),
+        rows,
+    )
+
+
+def _coverage(results: Sequence[Result]) -> None:
+    rows = []
+    for cause in sorted({result.draw.cause for result in results}):
+        sizes = [
+            one for result in results if result.draw.cause == cause for one in result.score.sizes
+        ]
+        if sizes:
+            inside = _interval(sum(one.inside for one in sizes), len(sizes))
+            error = float(np.median([abs(one.relative) for one in sizes]))
+            rows.append((cause, len(sizes), inside, f"{100.0 * error:.1f} %"))
+    columns = ("hidden", "sizes", "in the 95 % interval", "median error over size")
+    table.show("blind_coverage", "Sizes where the cause was found", columns, rows)
+
+
+def _share(results: Iterable[Result], of: Callable[[Score], bool]) -> str:
+    found = [of(result.score) for result in results]
+    return _interval(sum(found), len(found))
+
+
+def _interval(hits: int, count: int) -> str:
+    """A share with its 95 % interval, in percent."""
+    low, high = clopper_pearson(hits, count)
+    return f"{100.0 * hits / count:.0f} % ({100.0 * low:.0f}-{100.0 * high:.0f})"

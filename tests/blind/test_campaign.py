@@ -1,0 +1,129 @@
+"""A campaign goes on where it stopped, and its shares and intervals are those of the textbook."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.blind import campaign, fly, tables
+from tests.blind.draw import Draw, Fixed, draw
+from tests.blind.fly import Recorded
+from tests.blind.score import score
+from tests.blind.tables import Result
+
+
+class Flights:
+    """Stands for flying and diagnosing; counts what is asked of it."""
+
+    def __init__(self) -> None:
+        self.flown: list[int] = []
+        self.fails_at: int | None = None
+
+    def fly(self, one: Draw, folder: Path) -> Recorded:
+        if one.index == self.fails_at:
+            raise KeyboardInterrupt
+        folder.mkdir(parents=True)
+        self.flown.append(one.index)
+        return Recorded(folder / "flight.tlog", folder / "aircraft.toml", one.index == 2)
+
+    def diagnose(self, recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
+        answer = {"verdict": "no_effect", "cause": "none", "effects": [], "large": "left out"}
+        return {**answer, "ranking": [{"causes": ["none"], "probability": 0.9}]}, 1.5
+
+
+@pytest.fixture
+def flights(monkeypatch: pytest.MonkeyPatch) -> Flights:
+    stand_in = Flights()
+    monkeypatch.setattr(fly, "fly", stand_in.fly)
+    monkeypatch.setattr(fly, "diagnose", stand_in.diagnose)
+    return stand_in
+
+
+def test_what_is_finished_is_not_flown_again(tmp_path, flights):
+    draws = [draw(i) for i in range(5)]
+    flights.fails_at = 3
+    with pytest.raises(KeyboardInterrupt):
+        list(campaign.run(draws, tmp_path))
+    assert flights.flown == [0, 1, 2]
+    flights.fails_at = None
+    results = list(campaign.run(draws, tmp_path))
+    assert flights.flown == [0, 1, 2, 3, 4]
+    assert [result.departed for result in results] == [False, False, True, False, False]
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json"] * 5
+    list(campaign.run(draws[:1], tmp_path, again=True))
+    assert flights.flown == [0, 1, 2, 3, 4, 0]
+
+
+def test_the_file_keeps_what_was_drawn_and_said(tmp_path, flights):
+    (result,) = campaign.run([draw(0)], tmp_path)
+    held = json.loads((tmp_path / f"{campaign.name(draw(0))}.json").read_text(encoding="utf-8"))
+    assert held["draw"]["seed"] == draw(0).seed
+    assert held["diagnosis"]["verdict"] == "no_effect"
+    assert "large" not in held["diagnosis"]
+    assert result.seconds == 1.5
+
+
+def test_a_file_of_another_draw_is_not_taken_for_this_one(tmp_path, flights):
+    list(campaign.run([draw(0)], tmp_path))
+    other = draw(0, seed=1, fixed=Fixed(draw(0).cause, draw(0).aircraft, draw(0).file))
+    path = tmp_path / f"{campaign.name(draw(0))}.json"
+    path.rename(tmp_path / f"{campaign.name(other)}.json")
+    list(campaign.run([other], tmp_path))
+    assert flights.flown == [0, 0]
+
+
+def test_the_dozen_are_a_dozen_of_all_kinds():
+    draws = [draw(i, fixed=fixed) for i, fixed in enumerate(campaign.DOZEN)]
+    assert len({campaign.name(one) for one in draws}) == 12
+    assert {"none", "unlisted", "two"} < {one.cause for one in draws}
+    assert len({one.aircraft for one in draws}) == 4
+
+
+def test_intervals_of_shares_are_exact():
+    """Against published values: 0 and 2 of 100, and the coverage that makes them exact."""
+    assert tables.clopper_pearson(0, 100) == pytest.approx((0.0, 0.0362), abs=1e-4)
+    assert tables.clopper_pearson(2, 100) == pytest.approx((0.0024, 0.0704), abs=1e-4)
+    assert tables.clopper_pearson(5, 5)[1] == 1.0
+
+
+def test_stated_probabilities_that_come_true_as_often_are_calibrated():
+    generator = np.random.default_rng(0)
+    stated = generator.uniform(0.3, 1.0, 20000)
+    true = (generator.uniform(size=20000) < stated).tolist()
+    assert tables.calibration_error(stated.tolist(), true) < 0.01
+    assert tables.calibration_error([0.95] * 10, [True] * 5 + [False] * 5) == pytest.approx(0.45)
+    assert tables.calibration_error([1.0, 0.0], [True, False]) == 0.0
+
+
+def test_the_tables_say_what_was_found(capsys):
+    clean = {"verdict": "no_effect", "ranking": [{"causes": ["none"], "probability": 0.9}]}
+    size = {"mass_ratio": {"value": 1.12, "sd": 0.5, "unit": "1"}}
+    accused = {
+        "verdict": "effect",
+        "effects": ["mass"],
+        "ranking": [{"causes": ["mass"], "probability": 0.99, "parameters": size}],
+    }
+    answers = (("none", clean), ("none", accused), ("mass", accused), ("mass", clean))
+    results = []
+    for index, (cause, diagnosis) in enumerate(answers):
+        one = draw(index, fixed=Fixed(cause, "aerosonde", "exact", "larger"))
+        results.append(Result(one, score(one, diagnosis), 10.0, departed=False))
+    lost = Result(results[2].draw, results[2].score, 0.0, departed=True)
+    tables.summary([*results, lost])
+    printed = capsys.readouterr().out
+    assert "1 flights lost control" in printed
+    for line in (
+        "mass    2        50 % (1-99)      50 % (1-99)    none 1",
+        "none    2        50 % (1-99)      50 % (1-99)    mass 1",
+        "exact  2        50 % (1-99)   50 % (1-99)",
+        "one cause  larger  exact  2        50 % (1-99)      50 % (1-99)",
+        "0.900                    2        0.500",
+        "mass    1      100 % (3-100)",
+    ):
+        assert line in printed
+    tables.one_by_one(results)
+    assert "FALSE ALARM" in capsys.readouterr().out
