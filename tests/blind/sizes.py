@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -131,6 +131,8 @@ def hidden(
     value = size.drawn(share, generator)
     if cause == "cg_shift":
         value = _flyable(value, aircraft)
+    if cause == "inertia":
+        value = _possible(size.parameter, value, aircraft)
     entry: dict[str, Any] = {"name": cause, size.parameter: value}
     if cause in _OF_CONTROL:
         entry["control"] = _control(aircraft, generator)
@@ -159,6 +161,13 @@ def _flyable(forward: float, aircraft: Aircraft) -> float:
     """Forward instead where a shift aft would take more than six tenths of the stability."""
     margin = slope(aircraft, "Cm", "alpha") / slope(aircraft, "CZ", "alpha")
     return abs(forward) if -forward > 0.6 * margin else forward
+
+
+def _possible(parameter: str, ratio: float, aircraft: Aircraft) -> float:
+    """More instead of less where less would not be the inertia of any body."""
+    axis = parameter.removesuffix("_ratio")
+    changed = replace(aircraft.mass, **{axis: ratio * getattr(aircraft.mass, axis)})
+    return ratio if np.linalg.eigvalsh(changed.inertia)[0] > 0.0 else 2.0 - ratio
 
 
 def _control(aircraft: Aircraft, generator: np.random.Generator) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.sitl.effects import changes
 from gcs_sysid.sitl.flight import Flight
@@ -38,4 +40,12 @@ def inertia(flight: Flight, entry: Section) -> Flight:
     changed = replace(
         body, Ixx=ratios[0] * body.Ixx, Iyy=ratios[1] * body.Iyy, Izz=ratios[2] * body.Izz
     )
+    if np.linalg.eigvalsh(changed.inertia)[0] <= 0.0:
+        raise entry.error(
+            next(key for key in keys if entry.has(key)),
+            found=f"Ixx {changed.Ixx:.4g}, Iyy {changed.Iyy:.4g}, Izz {changed.Izz:.4g} kg·m² with "
+            "the products of inertia of the aircraft file",
+            allowed="a positive definite inertia tensor",
+            fix="take a ratio above 1, or one nearer to it",
+        )
     return changes.flying(flight, replace(flight.flown, mass=changed))

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
+from gcs_sysid import aircraft_file
+from gcs_sysid.errors import AircraftFileError
+from tests.sitl import examples
 from tests.sitl.effects import hidden
 
 SLOW_TURN = {"elevator": -0.05, "rudder": 0.2}
@@ -52,3 +57,12 @@ def test_more_inertia_turns_an_axis_more_slowly(axis):
         getattr(changed.flown.mass, name) / getattr(changed.believed.mass, name) for name in names
     ]
     assert ratios == pytest.approx([1.25 if name == axis else 1.0 for name in names])
+
+
+def test_an_inertia_that_no_body_has_is_refused():
+    """The flying wing's Ixz is that of a body with hardly any roll inertia left."""
+    wing = aircraft_file.load(examples.ROOT / "data" / "aircraft" / "skywalker_x8.toml")
+    flight = dataclasses.replace(hidden.flight(), believed=wing, flown=wing)
+    with pytest.raises(AircraftFileError, match=r"Izz_ratio.*positive definite"):
+        hidden.hide("inertia", flight, Izz_ratio=0.7)
+    assert hidden.hide("inertia", flight, Izz_ratio=1.3).flown.mass.Izz > wing.mass.Izz
