@@ -41,7 +41,8 @@ _NOISE = {
     "velocity_drift": 0.0,
     "position_drift": 0.5,
 }
-_OUT_OF_CONTROL = math.radians(85.0)
+_UPSET = {"phi": math.radians(85.0), "beta": math.radians(35.0), "alpha": math.radians(30.0)}
+"""Angles beyond which control was lost [rad]."""
 
 
 @dataclass(frozen=True)
@@ -180,9 +181,8 @@ def _departed(folder: Path) -> bool:
     with np.load(folder / "truth.npz") as truth:
         columns = [str(name) for name in truth["cols"]]
         rows = truth["rows"]
-    bank = np.abs(rows[:, columns.index("phi")]).max()
-    sideslip = np.abs(rows[:, columns.index("beta")]).max()
-    return bool(bank > _OUT_OF_CONTROL or sideslip > 0.4)
+    largest = {name: np.abs(rows[:, columns.index(name)]).max() for name in _UPSET}
+    return any(largest[name] > limit for name, limit in _UPSET.items())
 
 
 def _command(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -18,9 +18,11 @@ from gcs_sysid.sitl.plan import Leg
 from gcs_sysid.sitl.slopes import slopes, trim
 
 PLANS = ("usual", "climbs", "slow", "low")
-"""`slow` reaches angles of attack beyond 7° where the envelope allows, `low` is over the ground."""
+"""`slow` reaches angles of attack beyond 7°, `low` is over the ground."""
 
 STALL = math.radians(7.0)
+"""Angle of attack beyond which a hidden stall is [rad]."""
+
 _SHARES = (0.24, 0.40, 0.57, 0.28)
 _HEADINGS = ((0.0, 80.0), (60.0, 290.0), (120.0, 340.0), (30.0, 200.0))
 _BANK = math.radians(38.0)
@@ -39,11 +41,6 @@ def typical(aircraft: Aircraft, variable: str) -> float:
     if variable == "qhat":
         return _TYPICAL["q"] * aircraft.geometry.mean_chord / (2.0 * airspeeds(aircraft)[1])
     return _TYPICAL[variable]
-
-
-def stall_angle(aircraft: Aircraft) -> float:
-    """Where a hidden stall begins [rad]: at 7°, or where the slowest flight begins to show it."""
-    return min(STALL, trim(aircraft, _slowest(aircraft)).alpha)
 
 
 def legs(aircraft: Aircraft, name: str, *, short: bool = False) -> tuple[Leg, ...]:
@@ -86,10 +83,13 @@ def _targets(aircraft: Aircraft, name: str) -> tuple[Sequence[float], Sequence[f
 
 
 def _slowest(aircraft: Aircraft) -> float:
-    """Airspeed at which level flight takes 7.5° of alpha, or the envelope's lowest and a little."""
+    """Airspeed at which level flight takes half a degree more than the angle of the stall.
+
+    For some aircraft that is a little below the envelope, which is about level flight with margin.
+    """
     low, high = _envelope(aircraft).airspeed
-    speed = 1.03 * low
-    while speed < high and trim(aircraft, speed).alpha > math.radians(7.5):
+    speed = 0.8 * low
+    while speed < high and trim(aircraft, speed).alpha > STALL + math.radians(0.5):
         speed += 0.1
     return round(speed, 1)
 

@@ -142,7 +142,7 @@ def hidden(
         case "aero_derivative":
             entry["derivative"] = _DERIVATIVES[int(generator.integers(len(_DERIVATIVES)))]
         case "stall":
-            entry["alpha_break"] = plans.stall_angle(aircraft)
+            entry["alpha_break"] = plans.STALL
         case "ground_effect":
             entry |= {"drag": share, "moment": 0.1 * share}
     return entry, float(share)
