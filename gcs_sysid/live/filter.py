@@ -7,7 +7,7 @@ whole flight's do; then one row is one predict and one update of constant cost.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -63,7 +63,7 @@ class Estimate:
         flow_covariance: of the three.
         rate: angular rate, sensor errors off [rad/s].
         force: specific force at the inertial unit, sensor errors off [m/s²].
-        nis: normalised innovation squared of each group of measurements.
+        nis: normalised innovation squared of each group of measurements that is new in the row.
     """
 
     row: Row
@@ -142,12 +142,18 @@ class LiveFilter:
         """Moves on by a row.
 
         Args:
-            row: the next one.
+            row: the next one, or the newest once more with what came after it.
             used: stream behind each group of measurements.
 
         Returns:
             Estimates: one a row; none while the start is prepared, and then those of all its rows.
         """
+        if row.again and self._filter is None:
+            if self._waiting and self._waiting[-1].time == row.time:
+                self._waiting[-1] = replace(row, new=row.measured.valid, again=False)
+            return []
+        if row.again:
+            return self._stepped(row)
         if self._filter is not None and row.step > GAP:
             self.restarts += 1
             self._before, self._filter = self._filter, None
@@ -191,13 +197,15 @@ class LiveFilter:
         if running is None or intensities is None:
             return []
         try:
-            running.predict((row.before, row.after, row.step))
-            running.observe(row.after, row.measured)
+            if not row.again:
+                running.predict((row.before, row.after, row.step))
+            if row.new.any():
+                running.observe(row.after, row.measured._replace(valid=row.new))
         except ValueError:  # filterpy's inverse refuses a covariance that is not finite
             return self._lost()
         if not (np.isfinite(running.x).all() and np.isfinite(running.P).all()):
             return self._lost()
-        intensities.take(running, np.asarray(row.measured.valid), row.step)
+        intensities.take(running, row.new, row.step, again=row.again)
         running.noise = intensities.noise
         seen, spread, imu = _described(running.state, running.P, row.after, self._reference)
         return [
@@ -210,7 +218,7 @@ class LiveFilter:
                 flow_covariance=np.asarray(spread),
                 rate=np.asarray(imu.gyro),
                 force=np.asarray(imu.accelerometer),
-                nis=running.nis,
+                nis=np.where(row.new, running.nis, 0.0),
             )
         ]
 

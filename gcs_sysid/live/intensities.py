@@ -62,16 +62,31 @@ class Intensities:
         )
 
     def take(
-        self, running: KinematicFilter, valid: Bool[np.ndarray, " group"], step: float
+        self,
+        running: KinematicFilter,
+        valid: Bool[np.ndarray, " group"],
+        step: float,
+        *,
+        again: bool = False,
     ) -> None:
-        """Learns from the update just made, `step` seconds after the one before."""
-        self._age += step
+        """Learns from the update just made.
+
+        Args:
+            running: the filter after it.
+            valid: groups of measurements that were in it.
+            step: time since the one before [s].
+            again: whether this is a further update at the same time: no time has gone by, and the
+                gust has told what it has to tell.
+        """
+        self._age += 0.0 if again else step
         share = 1.0 - np.exp(-step / np.clip(self._age, FIRST_MEMORY_S, MEMORY_S))
         present = np.repeat(valid, _WIDTHS)
         known = running.R @ running.SI
         noise = (known @ running.y) ** 2 + np.diagonal(running.R - known @ running.R)
         noise = np.minimum(noise, 25.0 * self._square)
         self._square = self._square + np.where(present, share, 0.0) * (noise - self._square)
+        if again:
+            return
         gust = running.x[BLOCKS["gust"]]
         second = gust**2 + np.diagonal(running.P)[BLOCKS["gust"]]
         if self._vanes:

@@ -1,17 +1,19 @@
 """From single messages to the rows that the filter reads, in the order in which they arrive.
 
 What `measurements` does with a whole recording, without its future: a message belongs to the
-nearest inertial sample, so a row is complete when the next inertial sample has come. One that comes
-later than that goes to the oldest open row, with its age; one too late is left out and counted.
+nearest inertial sample. A row is made as soon as its inertial sample has come, of what came before;
+messages that belong to it and come later make the row once more, with what is new in it. One that
+belongs to an earlier row goes to the newest one, with its age; one too late is left out and
+counted.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import Aircraft
@@ -38,7 +40,9 @@ class Row:
         before: inertial sample at the start of the step.
         after: inertial sample at its end.
         step: length of the step [s].
-        measured: messages nearest to the end of the step.
+        measured: messages nearest to the end of the step, those of before included.
+        new: which groups of them were not in the row when it came before.
+        again: whether the row was there before, with fewer messages.
         density: of the air [kg/m³].
         height: above where the first altitude was heard [m].
     """
@@ -49,6 +53,8 @@ class Row:
     after: Imu
     step: float
     measured: Measurements
+    new: Bool[np.ndarray, " group"]
+    again: bool
     density: float
     height: float
 
@@ -58,6 +64,16 @@ class _Inertial:
     time: float
     link_us: int
     imu: Imu
+
+
+_NOTHING = Measurements(
+    airspeed=np.zeros(1),
+    velocity=np.zeros(3),
+    attitude=np.array([1.0, 0.0, 0.0, 0.0]),
+    vanes=np.zeros(2),
+    valid=np.zeros(len(MEASURED), dtype=bool),
+    age=np.zeros(len(MEASURED)),
+)
 
 
 class RowMaker:
@@ -87,8 +103,10 @@ class RowMaker:
         self._open: dict[str, deque[tuple[float, Float[np.ndarray, " value"]]]] = {
             group: deque(maxlen=_OPEN) for group in self._streams
         }
-        self._previous: _Inertial | None = None
         self._current: _Inertial | None = None
+        self._row: Row | None = None
+        self._told_us: int | None = None
+        self._reach = 0.0
         self._static: float | None = None
         self._height: float | None = None
         self._ground = 0.0
@@ -125,18 +143,32 @@ class RowMaker:
             self.epoch_us = sample.time_us
         return (sample.time_us - self.epoch_us) * 1e-6
 
-    def take(self, sample: Sample) -> Row | None:
-        """Adds a sample; returns the row that it completes, if any."""
+    def take(self, sample: Sample) -> list[Row]:
+        """Adds a sample; returns the row that it makes, behind what the one before still lacks."""
         time = self.seconds(sample)
         self._air(sample, time)
         for group, choice in self._streams.items():
             if choice.takes(sample, time):
                 self._measure(group, time, np.array([sample.channels[c] for c in choice.channels]))
+                self._told_us = self._told_us or sample.link_us
         if not self._inertial.takes(sample, time):
-            return None
+            return []
         # Rate and specific force of a row are one sample: the gyro's lag stands for both.
         late = measurements.lateness(self._aircraft, self._inertial.chosen, "gyro")
-        return self._step(sample, time - late)
+        return [row for row in (self.once_more(), self._step(sample, time - late)) if row]
+
+    def once_more(self) -> Row | None:
+        """The newest row with what came after it and belongs to it; None if nothing does."""
+        row, told_us = self._row, self._told_us
+        if row is None or told_us is None:
+            return None
+        self._told_us = None
+        measured = self._nearest(row.time, row.measured)
+        new = measured.valid & ~np.asarray(row.measured.valid)
+        if not new.any():
+            return None
+        self._row = replace(row, link_us=told_us, measured=measured, new=new, again=True)
+        return self._row
 
     def _air(self, sample: Sample, time: float) -> None:
         if self._altitude.takes(sample, time):
@@ -169,7 +201,7 @@ class RowMaker:
         self._open[group].append((taken, values))
 
     def _step(self, sample: Sample, time: float) -> Row | None:
-        """Closes the open row and opens the next one at this inertial sample."""
+        """Makes the row of this inertial sample."""
         if self._current is not None and time <= self._current.time:
             self.late += 1
             return None
@@ -178,7 +210,13 @@ class RowMaker:
             self.decimated += 1
             return None
         self._skipped = 0
-        row = self._closed(time)
+        previous, self._current = self._current, self._without_errors(sample, time)
+        if self._static is None:
+            return None
+        self._row = self._made(previous or self._current, self._current)
+        return self._row
+
+    def _without_errors(self, sample: Sample, time: float) -> _Inertial:
         gyro = np.array([sample.channels[name] for name in INERTIAL[:3]])
         force = (
             np.array([sample.channels[name] for name in INERTIAL[3:]])
@@ -190,46 +228,44 @@ class RowMaker:
         )
         if self._inertial.has_accelerometer:
             force = without_errors[0]
-        self._previous = self._current
-        self._current = _Inertial(time, sample.link_us, Imu(gyro[0], force))
-        return row
+        return _Inertial(time, sample.link_us, Imu(gyro[0], force))
 
-    def _closed(self, following: float) -> Row | None:
-        """The open row with its measurements; None before the air is known."""
-        current = self._current
-        if current is None or self._static is None:
-            return None
-        previous = self._previous or current
+    def _made(self, before: _Inertial, current: _Inertial) -> Row:
+        step = current.time - before.time
+        # Where samples were lost, the next one comes sooner than this one did.
+        last = step if self._row is None else self._row.step
+        self._reach = 0.5 * min(step, last if last > 0.0 else step)
+        measured = self._nearest(current.time, _NOTHING)
         return Row(
             time=current.time,
             link_us=current.link_us,
-            before=previous.imu,
+            before=before.imu,
             after=current.imu,
-            step=current.time - previous.time,
-            measured=self._nearest(current.time, following),
+            step=step,
+            measured=measured,
+            new=measured.valid,
+            again=False,
             density=float(atmosphere.density_from_pressure(np.asarray(self._static))),
             height=self._height or 0.0,
         )
 
-    def _nearest(self, time: float, following: float) -> Measurements:
-        """Takes out what is nearer to `time` than to `following`; of each kind the nearest."""
-        valid = np.zeros(len(MEASURED), dtype=bool)
-        age = np.zeros(len(MEASURED))
-        values = {
-            "airspeed": np.zeros(1),
-            "velocity": np.zeros(3),
-            "attitude": np.array([1.0, 0.0, 0.0, 0.0]),
-            "vanes": np.zeros(2),
-        }
+    def _nearest(self, time: float, known: Measurements) -> Measurements:
+        """Takes out what does not belong to the row after `time`; of each kind the nearest.
+
+        What is `known` of the row already stays: one message of each kind makes a row, whatever a
+        radio repeats.
+        """
+        valid, age = np.array(known.valid), np.array(known.age)
+        values = {group: getattr(known, group) for group in MEASURED}
         for index, group in enumerate(MEASURED):
             waiting = self._open.get(group)
-            if waiting is None:
+            if not waiting:
                 continue
-            here = [item for item in waiting if item[0] - time < following - item[0]]
-            later = [item for item in waiting if item[0] - time >= following - item[0]]
+            here = [item for item in waiting if item[0] - time < self._reach]
+            later = [item for item in waiting if item[0] - time >= self._reach]
             waiting.clear()
             waiting.extend(later)
-            if not here:
+            if not here or valid[index]:
                 continue
             taken, value = min(here, key=lambda item: abs(item[0] - time))
             if abs(taken - time) < 0.5 * GAP:

@@ -80,6 +80,7 @@ class Station:
         self.latency = Latency()
         self.effort = Latency()
         self.newest: Estimate | None = None
+        self._unfinished: Estimate | None = None
         self.samples: Samples | None = None
         self.updates = 0
         self.skipped = 0
@@ -118,6 +119,12 @@ class Station:
             self._take(sample)
             if self._clock_us() >= until_us:
                 return
+        # Not before: what an autopilot sends together is worked on together.
+        self._flown(self.rows.once_more())
+
+    def _flown(self, row: Row | None) -> None:
+        if row is not None and self.watch.flying:
+            self._step(row)
 
     def _skip(self, sample: Sample) -> None:
         self.skipped += sample.stream in IMU_STREAMS
@@ -129,28 +136,36 @@ class Station:
             before = self.watch.flying
             if before and not self.watch.take(time, sample.channels["airspeed"]):
                 self.filter.stop()
-                self.window.clear()
+                self._forget_window()
             elif not before:
                 self.watch.take(time, sample.channels["airspeed"])
-        row = self.rows.take(sample)
-        if row is not None and self.watch.flying:
-            self._step(row)
+        for row in self.rows.take(sample):
+            self._flown(row)
 
     def _step(self, row: Row) -> None:
         begun = self._clock_us()
         before = self.filter.restarts
         estimates = self.filter.take(row, self.rows.used)
         if self.filter.restarts != before:
-            self.window.clear()
-        for estimate in estimates:
-            self._estimated(estimate)
+            self._forget_window()
+        if not estimates:
+            return
+        self.newest = estimates[-1]
         done = self._clock_us()
-        if estimates:
-            self.latency.add((done - row.link_us) * 1e-6)
-            self.effort.add((done - begun) * 1e-6)
+        self.latency.add((done - row.link_us) * 1e-6)
+        self.effort.add((done - begun) * 1e-6)
+        for estimate in estimates:
+            # A row is whole when the next one has begun: until then messages may be added to it.
+            if self._unfinished is not None and not estimate.row.again:
+                self._finished(self._unfinished)
+            self._unfinished = estimate
 
-    def _estimated(self, estimate: Estimate) -> None:
-        self.newest = estimate
+    def _forget_window(self) -> None:
+        self._unfinished = None
+        self.window.clear()
+
+    def _finished(self, estimate: Estimate) -> None:
+        """Takes an estimate to which nothing will be added any more."""
         self.updates += 1
         if self._observer is not None:
             self._observer(estimate)

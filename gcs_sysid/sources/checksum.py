@@ -21,7 +21,7 @@ _LONGEST = 9 + 255  # header of version 2 without its first byte, and the larges
 
 
 @cache
-def _byte_table() -> UInt16[np.ndarray, " byte"]:
+def byte_table() -> UInt16[np.ndarray, " byte"]:
     """Checksum of each single byte from a start of zero."""
     table = np.arange(256, dtype=np.uint16)
     for _ in range(8):
@@ -32,7 +32,7 @@ def _byte_table() -> UInt16[np.ndarray, " byte"]:
 def _advance(
     crc: UInt16[np.ndarray, "*shape"], byte: UInt8[np.ndarray, "*#shape"]
 ) -> UInt16[np.ndarray, "*shape"]:
-    return (crc >> 8) ^ _byte_table()[(crc ^ byte) & 0xFF]
+    return (crc >> 8) ^ byte_table()[(crc ^ byte) & 0xFF]
 
 
 @cache
@@ -40,7 +40,7 @@ def _entries() -> tuple[UInt16[np.ndarray, " entry"], UInt16[np.ndarray, " lengt
     """Entries by (bytes that follow, byte), flat, and the start value carried through n bytes."""
     table = np.empty((_LONGEST, 256), dtype=np.uint16)
     start = np.empty(_LONGEST + 1, dtype=np.uint16)
-    table[0] = _byte_table()
+    table[0] = byte_table()
     start[0] = _START
     zero = np.zeros(1, dtype=np.uint8)
     for n in range(1, _LONGEST):

@@ -23,13 +23,13 @@ from gcs_sysid.sources.layouts import crc_extras, known_ids, sizes
 
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
-_HEADER_V1 = 6
-_HEADER_V2 = 10
-_CHECKSUM = 2
-_SIGNATURE = 13
-_SIGNED = 0x01
-_SMALLEST = _HEADER_V1 + _CHECKSUM
-_LARGEST = _HEADER_V2 + 255 + _CHECKSUM + _SIGNATURE
+HEADER_V1 = 6
+HEADER_V2 = 10
+CHECKSUM = 2
+SIGNATURE = 13
+SIGNED = 0x01
+_SMALLEST = HEADER_V1 + CHECKSUM
+_LARGEST = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
 _BLOCK = 1 << 20  # bytes searched at a time, which bounds the memory that hostile input can claim
 _ROWS = 4096  # frames proved at a time: the look-ups then stay within a cache of a megabyte
 
@@ -129,12 +129,12 @@ def _candidates(data: Bytes, first: int, last: int | None = None) -> Frames:
     byte = [data[np.minimum(start + i, data.size - 1)].astype(np.int64) for i in (2, 5, 7, 8, 9)]
     flags, id_v1, low, middle, high = byte
     length = data[start + 1].astype(np.int64)
-    header = np.where(second, _HEADER_V2, _HEADER_V1)
-    signature = np.where(second & ((flags & _SIGNED) != 0), _SIGNATURE, 0)
-    size = header + length + _CHECKSUM + signature
+    header = np.where(second, HEADER_V2, HEADER_V1)
+    signature = np.where(second & ((flags & SIGNED) != 0), SIGNATURE, 0)
+    size = header + length + CHECKSUM + signature
     message_id = np.where(second, low | (middle << 8) | (high << 16), id_v1)
     # Flags that are not known forbid reading the frame, by definition.
-    readable = ~second | ((flags & ~_SIGNED) == 0)
+    readable = ~second | ((flags & ~SIGNED) == 0)
     fits = start + size <= data.size
     return Frames(start, size, header, length, message_id)[readable & fits]
 
@@ -148,7 +148,7 @@ def _proved(data: Bytes, frames: Frames) -> Frames:
     """The frames of known messages whose checksum agrees."""
     frames = frames[_is_known(frames)]
     # Only version 2 may carry fields of a newer definition behind those known here.
-    frames = frames[(frames.header == _HEADER_V2) | (frames.length <= sizes()[frames.id])]
+    frames = frames[(frames.header == HEADER_V2) | (frames.length <= sizes()[frames.id])]
     if not frames.start.size:
         return frames
     extras = crc_extras()[frames.id]
@@ -157,12 +157,12 @@ def _proved(data: Bytes, frames: Frames) -> Frames:
     order = np.argsort(body.astype(np.uint16), kind="stable")
     lengths, first = np.unique(body[order], return_index=True)
     for length, index in zip(lengths.tolist(), np.split(order, first[1:]), strict=True):
-        places = windows(data, length + _CHECKSUM)
+        places = windows(data, length + CHECKSUM)
         for first_row in range(0, index.size, _ROWS):
             rows = index[first_row : first_row + _ROWS]
             window = places[frames.start[rows] + 1]
             sent = window[:, -2].astype(np.uint16) | (window[:, -1].astype(np.uint16) << 8)
-            good[rows] = checksum(window[:, :-_CHECKSUM], extras[rows]) == sent
+            good[rows] = checksum(window[:, :-CHECKSUM], extras[rows]) == sent
     return frames[good]
 
 
@@ -236,7 +236,7 @@ def _size_at(data: Bytes, at: int) -> int | None:
     header = [*data[at : at + 3].tolist(), 0, 0]
     if header[0] == MAGIC_V1:
         return _SMALLEST + header[1]
-    if header[0] == MAGIC_V2 and header[2] & ~_SIGNED == 0:
-        signature = _SIGNATURE if header[2] & _SIGNED else 0
-        return _HEADER_V2 + header[1] + _CHECKSUM + signature
+    if header[0] == MAGIC_V2 and header[2] & ~SIGNED == 0:
+        signature = SIGNATURE if header[2] & SIGNED else 0
+        return HEADER_V2 + header[1] + CHECKSUM + signature
     return None

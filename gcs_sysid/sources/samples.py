@@ -212,7 +212,7 @@ class SampleDecoder:
         return chosen is not None and key[:2] == (chosen.system, chosen.component)
 
     def _sample(self, key: TableKey, table: MessageTable, row: int) -> Sample:
-        one = table.subset(np.array([row]))
+        one = table if table.count == 1 else table.subset(np.array([row]))
         link_us = int(one.link_us[0])
         time_us, stamped = self.clock.time_us(key.name, one.fields, link_us)
         values = messages.channels(key.name, one.fields)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gcs_sysid.sources import single
 from gcs_sysid.sources.decode import decode
 from gcs_sysid.sources.frames import Bytes, Found, Frames, search
 from gcs_sysid.sources.signing import Signatures
@@ -22,11 +23,13 @@ class Batch:
         data: the bytes.
         found: where the frames lie in them.
         link_us: when the piece arrived [µs since 1970].
+        alone: whether the bytes are one frame, known and whole.
     """
 
     data: Bytes
     found: Found
     link_us: int
+    alone: bool = False
 
     def raw(self) -> list[bytes]:
         """The frames as they came, those of unknown messages included, in order."""
@@ -40,6 +43,8 @@ class Batch:
     @cached_property
     def _decoded(self) -> Mapping[TableKey, MessageTable]:
         frames = self.found.frames
+        if self.alone:
+            return single.decoded(self.data.tobytes(), self.found, self.link_us)
         return decode(self.data, frames, np.full(frames.start.size, self.link_us, dtype=np.int64))
 
 
@@ -73,6 +78,9 @@ class FrameStream:
             data: bytes as received, any number.
             link_us: when they were received [µs since 1970].
         """
+        alone = single.found(data) if not self._rest and self._signatures is None else None
+        if alone is not None:
+            return Batch(np.frombuffer(data, dtype=np.uint8), alone, link_us, alone=True)
         content = np.frombuffer(self._rest + data, dtype=np.uint8)
         found = search(content)
         self._rest = content[found.rest :].tobytes()

@@ -39,7 +39,7 @@ def started(maker: RowMaker) -> int:
     """Feeds inertial samples until one stream is chosen; returns the next sample's number."""
     maker.take(velocity(0.0))
     for index in range(1000):
-        if maker.take(inertial(index * STEP_S)) is not None:
+        if maker.take(inertial(index * STEP_S)):
             return index + 1
     raise AssertionError("no row came")
 
@@ -50,27 +50,64 @@ def group(row: Row, name: str) -> tuple[bool, float]:
 
 
 def rows_of(maker: RowMaker, samples: list[Sample]) -> list[Row]:
-    return [row for item in samples if (row := maker.take(item)) is not None]
+    rows = [row for item in samples for row in maker.take(item)]
+    last = maker.once_more()
+    return rows if last is None else [*rows, last]
 
 
-def test_a_measurement_belongs_to_the_nearest_inertial_sample() -> None:
+def test_a_row_is_made_at_once_of_what_came_before_it() -> None:
     maker = RowMaker(aircraft())
     n = started(maker)
-    before, at, after = (index * STEP_S for index in (n, n + 1, n + 2))
-    first, second = rows_of(
-        maker, [inertial(before), velocity(at - 0.006, 17.0), inertial(at), inertial(after)]
-    )[-2:]
-    assert group(first, "velocity") == (False, 0.0)
-    assert group(second, "velocity") == (True, pytest.approx(-0.006))
-    assert second.measured.velocity[0] == 17.0
-    assert second.step == pytest.approx(STEP_S)
+    maker.take(inertial(n * STEP_S))
+    at = (n + 1) * STEP_S
+    assert maker.take(velocity(at - 0.006, 17.0)) == []
+    assert maker.once_more() is None, "it belongs to the sample that follows"
+    (row,) = maker.take(inertial(at))
+    assert row.time == pytest.approx(at)
+    assert row.step == pytest.approx(STEP_S)
+    assert group(row, "velocity") == (True, pytest.approx(-0.006))
+    assert row.measured.velocity[0] == 17.0
+    assert row.new[list(MEASURED).index("velocity")]
+    assert not row.again
 
 
-def test_a_late_measurement_goes_to_the_oldest_open_row_with_its_age() -> None:
+def test_what_comes_behind_its_row_makes_it_once_more() -> None:
+    """As an autopilot sends them: the inertial unit first, then attitude and velocity."""
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    at = n * STEP_S
+    maker.take(inertial(at))
+    later = velocity(at + 0.004, 17.0)
+    maker.take(later)
+    row = maker.once_more()
+    assert row is not None
+    assert row.again
+    assert row.time == pytest.approx(at)
+    assert row.link_us == later.link_us
+    assert group(row, "velocity") == (True, pytest.approx(0.004))
+    assert row.new.sum() == 1
+    maker.take(sample("ATTITUDE", at, roll=0.1, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0))
+    angles, after = maker.take(inertial(at + STEP_S))
+    assert group(angles, "velocity") == (True, pytest.approx(0.004))
+    assert group(angles, "attitude") == (True, pytest.approx(0.0))
+    assert angles.new.sum() == 1
+    assert not after.again
+    assert maker.once_more() is None
+
+
+def test_what_a_radio_repeats_counts_once() -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    at = n * STEP_S
+    rows = rows_of(maker, [inertial(at), velocity(at), velocity(at), inertial(at + STEP_S)])
+    assert [bool(row.new.any()) for row in rows] == [False, True, False]
+
+
+def test_a_late_measurement_goes_to_the_newest_row_with_its_age() -> None:
     maker = RowMaker(aircraft())
     n = started(maker)
     late = velocity((n - 5) * STEP_S)
-    row = rows_of(maker, [inertial(n * STEP_S), late, inertial((n + 1) * STEP_S)])[-1]
+    row = rows_of(maker, [inertial(n * STEP_S), late])[-1]
     assert group(row, "velocity") == (True, pytest.approx(-5 * STEP_S))
     assert maker.late == 0
 
@@ -88,9 +125,7 @@ def test_a_known_delay_of_a_stream_is_taken_off() -> None:
     timing = {"GLOBAL_POSITION_INT": StreamTiming(delay=0.1)}
     maker = RowMaker(aircraft(streams=timing))
     n = started(maker)
-    row = rows_of(maker, [inertial(n * STEP_S), velocity(n * STEP_S), inertial((n + 1) * STEP_S)])[
-        -1
-    ]
+    row = rows_of(maker, [inertial(n * STEP_S), velocity(n * STEP_S)])[-1]
     assert group(row, "velocity") == (True, pytest.approx(-0.1))
 
 
@@ -101,7 +136,7 @@ def test_inertial_samples_out_of_order_are_left_out() -> None:
         maker,
         [inertial(n * STEP_S), inertial((n - 2) * STEP_S), inertial((n + 1) * STEP_S)],
     )
-    assert [row.time for row in rows] == pytest.approx([(n - 1) * STEP_S, n * STEP_S])
+    assert [row.time for row in rows] == pytest.approx([n * STEP_S, (n + 1) * STEP_S])
     assert maker.late == 1
 
 

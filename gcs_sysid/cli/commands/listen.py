@@ -93,6 +93,7 @@ def command(
     written to live.json. The vehicle is asked for streams that come too slowly. A link that breaks
     is opened again. When it falls quiet, or at Ctrl-C, the recording is identified.
     """
+    numerics.compute_in_one_thread()
     from gcs_sysid.live import listen
 
     numerics.enable()
