@@ -44,6 +44,9 @@ _NOISE = {
 _UPSET = {"phi": math.radians(85.0), "beta": math.radians(35.0), "alpha": math.radians(30.0)}
 """Angles beyond which control was lost [rad]."""
 
+_SPEEDS = (0.65, 1.25)
+"""Shares of the envelope's lowest and highest airspeed beyond which it was lost as well."""
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -64,7 +67,8 @@ def fly(draw: Draw, folder: Path) -> Recorded:
     )
     (folder / "scenario.toml").write_text(scenario(draw, true, generator), encoding="utf-8")
     _run("sitl", "--scenario", folder / "scenario.toml", "--out", folder)
-    return Recorded(folder / "flight.tlog", folder / "aircraft.toml", _departed(folder))
+    departed = _departed(folder, true)
+    return Recorded(folder / "flight.tlog", folder / "aircraft.toml", departed)
 
 
 def diagnose(recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
@@ -176,13 +180,17 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def _departed(folder: Path) -> bool:
+def _departed(folder: Path, aircraft: Aircraft) -> bool:
     """Whether the aircraft was lost control of: then nobody asks what is wrong with its file."""
     with np.load(folder / "truth.npz") as truth:
         columns = [str(name) for name in truth["cols"]]
         rows = truth["rows"]
     largest = {name: np.abs(rows[:, columns.index(name)]).max() for name in _UPSET}
-    return any(largest[name] > limit for name, limit in _UPSET.items())
+    upset = any(largest[name] > limit for name, limit in _UPSET.items())
+    airspeed = rows[:, columns.index("V")]
+    low, high = aircraft.envelope.airspeed if aircraft.envelope else (0.0, math.inf)
+    slow, fast = airspeed.min() < _SPEEDS[0] * low, airspeed.max() > _SPEEDS[1] * high
+    return bool(upset or slow or fast)
 
 
 def _command(*arguments: object) -> subprocess.CompletedProcess[str]:

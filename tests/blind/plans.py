@@ -26,6 +26,7 @@ STALL = math.radians(7.0)
 _SHARES = (0.24, 0.40, 0.57, 0.28)
 _HEADINGS = ((0.0, 80.0), (60.0, 290.0), (120.0, 340.0), (30.0, 200.0))
 _BANK = math.radians(38.0)
+_SLOW_BANK = math.radians(20.0)
 _TYPICAL = {"alpha": 0.04, "beta": 0.035, "q": 0.15}
 """One sigma in flights in gusts [rad, rad/s]."""
 
@@ -55,7 +56,8 @@ def legs(aircraft: Aircraft, name: str, *, short: bool = False) -> tuple[Leg, ..
     found: list[Leg] = []
     for i in range(2 if short else 4):
         found += _block(aircraft, i, speeds[i], heights[i], short=short)
-    return tuple(found)
+    bank = _SLOW_BANK if name == "slow" else _BANK
+    return tuple(replace(leg, bank=bank) for leg in found)
 
 
 def fastest(aircraft: Aircraft, control: str) -> float:
@@ -83,13 +85,14 @@ def _targets(aircraft: Aircraft, name: str) -> tuple[Sequence[float], Sequence[f
 
 
 def _slowest(aircraft: Aircraft) -> float:
-    """Airspeed at which level flight takes half a degree more than the angle of the stall.
+    """Airspeed at which level flight takes a degree less than the angle of the stall.
 
-    For some aircraft that is a little below the envelope, which is about level flight with margin.
+    Gusts and inputs take it beyond. Slower, an aircraft that stalls as hard as some of those drawn
+    cannot be held level. For some that is a little below the envelope.
     """
     low, high = _envelope(aircraft).airspeed
     speed = 0.8 * low
-    while speed < high and trim(aircraft, speed).alpha > STALL + math.radians(0.5):
+    while speed < high and trim(aircraft, speed).alpha > STALL - math.radians(1.0):
         speed += 0.1
     return round(speed, 1)
 
@@ -118,7 +121,7 @@ def _block(
         TestInput(name, "multisine", turned, sine, size[name], tuple(range(3 + i, last, 3)))
         for i, name in enumerate(size)
     )
-    first = Leg(f"singles {number}", single, airspeed, height, out, _BANK, tuple(tests))
+    first = Leg(f"singles {number}", single, airspeed, height, out, inputs=tuple(tests))
     return first, replace(
         first,
         name=f"multisine {number}",

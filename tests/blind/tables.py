@@ -119,7 +119,7 @@ def _confusion(results: Sequence[Result], *, departed: int) -> None:
                 ", ".join(f"{said} {count}" for said, count in instead.most_common(4)),
             )
         )
-    table.show(
+    _show(
         "blind_confusion",
         f"What was hidden and what was said ({departed} flights lost control and are not counted)",
         ("hidden", "flights", "right and alone", "or in a group", "said instead"),
@@ -148,7 +148,7 @@ def _power(results: Sequence[Result]) -> None:
                     grouped = _share(of_it, lambda score: score.grouped)
                     rows.append((words, size, file, len(of_it), alone, grouped))
     columns = ("hidden", "size", "file", "flights", "right and alone", "or in a group")
-    table.show("blind_power", "Power against size", columns, rows)
+    _show("blind_power", "Power against size", columns, rows)
 
 
 def _false_alarms(results: Sequence[Result]) -> None:
@@ -162,7 +162,7 @@ def _false_alarms(results: Sequence[Result]) -> None:
             quiet = _share(clean, lambda score: score.alone)
             rows.append((file, len(clean), false, quiet))
     columns = ("file", "flights", "false alarms", "said that nothing is wrong")
-    table.show("blind_false_alarms", "Flights with nothing hidden", columns, rows)
+    _show("blind_false_alarms", "Flights with nothing hidden", columns, rows)
 
 
 def _calibration(results: Sequence[Result]) -> None:
@@ -179,7 +179,7 @@ def _calibration(results: Sequence[Result]) -> None:
         for count, mean, share in reliability(probability, came)
     ]
     error = calibration_error(probability, came)
-    table.show(
+    _show(
         "blind_calibration",
         f"Stated probability of the first in the ranking: expected calibration error {error:.3f}",
         ("stated, mean of the bin", "flights", "true"),
@@ -198,7 +198,13 @@ def _coverage(results: Sequence[Result]) -> None:
             error = float(np.median([abs(one.relative) for one in sizes]))
             rows.append((cause, len(sizes), inside, f"{100.0 * error:.1f} %"))
     columns = ("hidden", "sizes", "in the 95 % interval", "median error over size")
-    table.show("blind_coverage", "Sizes where the cause was found", columns, rows)
+    _show("blind_coverage", "Sizes where the cause was found", columns, rows)
+
+
+def _show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """A table, unless there is nothing in it."""
+    if rows:
+        table.show(name, title, columns, rows)
 
 
 def _share(results: Iterable[Result], of: Callable[[Score], bool]) -> str:
