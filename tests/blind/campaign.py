@@ -52,24 +52,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked = _parser().parse_args(arguments)
     if asked.dozen:
         draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(DOZEN)]
-        tables.one_by_one(list(run(draws, asked.out, again=asked.again)))
+        tables.one_by_one(list(run(draws, asked.out, again=asked.again, keep=asked.keep)))
         return
     fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size)
     span = range(asked.start, asked.start + asked.count)
     draws = [draw(i, seed=asked.seed, fixed=fixed) for i in span]
-    tables.summary(list(run(draws, asked.out, again=asked.again)))
+    results = run(draws, asked.out, again=asked.again, bound=asked.bound, keep=asked.keep)
+    tables.summary(list(results))
 
 
-def run(draws: Sequence[Draw], out: Path, *, again: bool = False) -> Iterator[Result]:
-    """Results of draws in their order; what `out` holds is not flown, unless `again`."""
+def run(
+    draws: Sequence[Draw],
+    out: Path,
+    *,
+    again: bool = False,
+    bound: bool = False,
+    keep: bool = False,
+) -> Iterator[Result]:
+    """Results of draws in their order; what `out` holds is not flown, unless `again`.
+
+    With `bound` each flight is diagnosed once more, with the file that knows everything; `keep`
+    leaves the flights beside their results.
+    """
     out.mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(draws, start=1):
         kept = out / f"{name(one)}.json"
         held = None if again else _read(kept, one)
         if held is None:
-            held = _flown(one, out / f"{kept.stem}.flight")
+            folder = out / f"{kept.stem}.flight"
+            try:
+                held = _flown(one, folder, bound=bound)
+            finally:
+                if not keep:
+                    shutil.rmtree(folder, ignore_errors=True)
             _write(kept, held)
-        result = Result(one, score(one, held["diagnosis"]), held["seconds"], bool(held["departed"]))
+        result = _result(one, held)
         hidden = " + ".join(sorted(one.causes)) or "none"
         sys.stderr.write(f"{number}/{len(draws)}  {kept.stem}: {hidden} -> {result.score.said}\n")
         yield result
@@ -81,20 +98,31 @@ def name(one: Draw) -> str:
     return f"{one.index:05d}-{one.cause}-{one.aircraft}-{one.file}-{one.size}{short}"
 
 
-def _flown(one: Draw, folder: Path) -> dict[str, Any]:
-    """A draw's document; the flight itself is not kept."""
-    try:
-        recorded = fly.fly(one, folder)
-        diagnosis: dict[str, Any] = {"verdict": "not flown"}
-        seconds = 0.0
-        if not recorded.departed:
-            diagnosis, seconds = fly.diagnose(recorded, folder / "diagnosis")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+def _result(one: Draw, held: dict[str, Any]) -> Result:
+    diagnosis = held["diagnosis"]
+    return Result(
+        draw=one,
+        score=score(one, diagnosis),
+        seconds=held["seconds"],
+        departed=held["departed"],
+        error=(diagnosis.get("gain") or {}).get("holdout_error_after"),
+        least_error=held["least_error"],
+    )
+
+
+def _flown(one: Draw, folder: Path, *, bound: bool) -> dict[str, Any]:
+    """A draw's document."""
+    recorded = fly.fly(one, folder)
+    diagnosis: dict[str, Any] = {"verdict": "not flown"}
+    seconds, least = 0.0, None
+    if not recorded.departed:
+        diagnosis, seconds = fly.diagnose(recorded, folder / "diagnosis")
+        least = fly.least_error(recorded, folder / "informed") if bound else None
     return {
         "draw": asdict(one),
         "departed": recorded.departed,
         "seconds": seconds,
+        "least_error": least,
         "diagnosis": {key: diagnosis[key] for key in _KEPT if key in diagnosis},
     }
 
@@ -124,7 +152,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--file", choices=FILES)
     parser.add_argument("--size", choices=SIZES)
     parser.add_argument("--dozen", action="store_true", help="the fixed flights of `make blind`")
+    parser.add_argument(
+        "--bound", action="store_true", help="also what the file that knows everything reaches"
+    )
     parser.add_argument("--again", action="store_true", help="repeat what is finished")
+    parser.add_argument("--keep", action="store_true", help="leave the flights there too")
     parser.add_argument("--out", type=Path, default=Path("out/campaign"))
     return parser
 

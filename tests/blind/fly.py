@@ -23,6 +23,7 @@ from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value, Vanes
 from gcs_sysid.sitl.plan import Leg
 from tests.blind import plans
 from tests.blind.draw import Draw, load
+from tests.blind.informed import informed
 
 WRONG = 0.05
 """Sigma of the errors of a file that is wrong, relative."""
@@ -50,11 +51,19 @@ _SPEEDS = (0.65, 1.25)
 
 @dataclass(frozen=True)
 class Recorded:
-    """A flown draw: its recording, the file to be tested, and whether it came to grief."""
+    """A flown draw.
+
+    Attributes:
+        log: its recording.
+        aircraft: the file to be tested.
+        departed: whether it came to grief.
+        informed: the file that knows everything, where there can be one.
+    """
 
     log: Path
     aircraft: Path
     departed: bool
+    informed: Path | None = None
 
 
 def fly(draw: Draw, folder: Path) -> Recorded:
@@ -67,8 +76,15 @@ def fly(draw: Draw, folder: Path) -> Recorded:
     )
     (folder / "scenario.toml").write_text(scenario(draw, true, generator), encoding="utf-8")
     _run("sitl", "--scenario", folder / "scenario.toml", "--out", folder)
-    departed = _departed(folder, true)
-    return Recorded(folder / "flight.tlog", folder / "aircraft.toml", departed)
+    told = informed(folder / "scenario.toml")
+    if told is not None:
+        aircraft_file.save(told, folder / "informed.toml")
+    return Recorded(
+        log=folder / "flight.tlog",
+        aircraft=folder / "aircraft.toml",
+        departed=_departed(folder, true),
+        informed=None if told is None else folder / "informed.toml",
+    )
 
 
 def diagnose(recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
@@ -89,6 +105,15 @@ def equipped(draw: Draw) -> Aircraft:
     """The true aircraft of a draw but for what is hidden; its vanes, if any, sit at the pitot."""
     true = load(draw.aircraft)
     return replace(true, vanes=Vanes(position=true.pitot.position)) if draw.vanes else true
+
+
+def least_error(recorded: Recorded, folder: Path) -> float | None:
+    """Error on what took no part of the file that knows everything."""
+    if recorded.informed is None:
+        return None
+    diagnosis, _ = diagnose(replace(recorded, aircraft=recorded.informed), folder)
+    gain = diagnosis.get("gain") or {}
+    return gain.get("holdout_error_before")
 
 
 def believed(true: Aircraft, file: str, generator: np.random.Generator) -> Aircraft:

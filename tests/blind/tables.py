@@ -18,18 +18,32 @@ from tests.benchmarks import table
 from tests.blind.draw import FILES, SIZES, Draw
 from tests.blind.score import Score
 
+NEAR = 1.1
+"""Error over that of the file that knows everything, up to which an extension is as good."""
+
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Bins of stated probabilities: finer where decisions are taken."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One draw, flown and diagnosed."""
+    """One draw, flown and diagnosed.
+
+    Attributes:
+        draw: what was hidden.
+        score: what the diagnosis is worth.
+        seconds: that it took.
+        departed: whether the aircraft was lost control of.
+        error: on what took no part, of the extended file.
+        least_error: the same of a file that knows everything.
+    """
 
     draw: Draw
     score: Score
     seconds: float
     departed: bool
+    error: float | None = None
+    least_error: float | None = None
 
 
 def clopper_pearson(hits: int, count: int, *, level: float = 0.95) -> tuple[float, float]:
@@ -93,6 +107,7 @@ def summary(results: Sequence[Result]) -> None:
     _false_alarms(flown)
     _calibration(flown)
     _coverage(flown)
+    _extension(flown)
 
 
 def _verdict(result: Result) -> str:
@@ -199,6 +214,29 @@ def _coverage(results: Sequence[Result]) -> None:
             rows.append((cause, len(sizes), inside, f"{100.0 * error:.1f} %"))
     columns = ("hidden", "sizes", "in the 95 % interval", "median error over size")
     _show("blind_coverage", "Sizes where the cause was found", columns, rows)
+
+
+def _extension(results: Sequence[Result]) -> None:
+    """Only where the cause was found: another file says nothing of how well it is extended."""
+    rows = []
+    for cause in sorted({result.draw.cause for result in results}):
+        ratios = [
+            result.error / result.least_error
+            for result in results
+            if result.draw.cause == cause
+            and result.score.alone
+            and result.error is not None
+            and result.least_error
+        ]
+        if ratios:
+            near = _interval(sum(ratio <= NEAR for ratio in ratios), len(ratios))
+            rows.append((cause, len(ratios), f"{float(np.median(ratios)):.2f}", near))
+    _show(
+        "blind_extension",
+        "Error of the extended file on what took no part, over that of the file that knows all",
+        ("hidden", "flights", "median", f"at most {NEAR:g}"),
+        rows,
+    )
 
 
 def _show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

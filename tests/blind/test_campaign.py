@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,17 @@ class Flights:
         return Recorded(folder / "flight.tlog", folder / "aircraft.toml", one.index == 2)
 
     def diagnose(self, recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
-        answer = {"verdict": "no_effect", "cause": "none", "effects": [], "large": "left out"}
+        answer: dict[str, Any] = {
+            "verdict": "no_effect",
+            "cause": "none",
+            "effects": [],
+            "large": "left out",
+        }
+        answer["gain"] = {"holdout_error_before": 1.0, "holdout_error_after": 0.5}
         return {**answer, "ranking": [{"causes": ["none"], "probability": 0.9}]}, 1.5
+
+    def least_error(self, recorded: Recorded, folder: Path) -> float:
+        return 0.25
 
 
 @pytest.fixture
@@ -40,6 +50,7 @@ def flights(monkeypatch: pytest.MonkeyPatch) -> Flights:
     stand_in = Flights()
     monkeypatch.setattr(fly, "fly", stand_in.fly)
     monkeypatch.setattr(fly, "diagnose", stand_in.diagnose)
+    monkeypatch.setattr(fly, "least_error", stand_in.least_error)
     return stand_in
 
 
@@ -56,6 +67,14 @@ def test_what_is_finished_is_not_flown_again(tmp_path, flights):
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json"] * 5
     list(campaign.run(draws[:1], tmp_path, again=True))
     assert flights.flown == [0, 1, 2, 3, 4, 0]
+
+
+def test_the_file_that_knows_everything_is_asked_only_when_told_to(tmp_path, flights):
+    draws = [draw(0)]
+    (without,) = campaign.run(draws, tmp_path)
+    (result,) = campaign.run(draws, tmp_path, again=True, bound=True)
+    assert (without.least_error, result.least_error) == (None, 0.25)
+    assert result.error == 0.5
 
 
 def test_the_file_keeps_what_was_drawn_and_said(tmp_path, flights):
@@ -113,6 +132,7 @@ def test_the_tables_say_what_was_found(capsys):
         one = draw(index, fixed=Fixed(cause, "aerosonde", "exact", "larger"))
         results.append(Result(one, score(one, diagnosis), 10.0, departed=False))
     lost = Result(results[2].draw, results[2].score, 0.0, departed=True)
+    results[2] = replace(results[2], error=2.1, least_error=2.0)
     tables.summary([*results, lost])
     printed = capsys.readouterr().out
     assert "1 flights lost control" in printed
@@ -123,6 +143,7 @@ def test_the_tables_say_what_was_found(capsys):
         "one cause  larger  exact  2        50 % (1-99)      50 % (1-99)",
         "0.900                    2        0.500",
         "mass    1      100 % (3-100)",
+        "mass    1        1.05    100 % (3-100)",
     ):
         assert line in printed
     tables.one_by_one(results)
