@@ -31,6 +31,9 @@ WRONG = 0.05
 DEFAULT_SIGMA = 0.1
 """What an aircraft file means that says nothing of its own."""
 
+PATIENCE = 1800.0
+"""How long a command may take before it counts as failed [s]: ten times what is wanted of it."""
+
 _NOISE = {
     "accelerometer": 0.12,
     "attitude": 0.0003,
@@ -94,7 +97,10 @@ def diagnose(recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
     """
     begun = time.monotonic()
     command = ("diagnose", recorded.log, "--aircraft", recorded.aircraft, "--out", folder)
-    done = _command(*command)
+    try:
+        done = _command(*command)
+    except subprocess.TimeoutExpired:
+        return {"verdict": "failed", "message": f"no answer in {PATIENCE:.0f} s"}, PATIENCE
     seconds = time.monotonic() - begun
     if done.returncode != 0:
         return {"verdict": "failed", "message": done.stderr.strip()[-500:]}, seconds
@@ -224,6 +230,7 @@ def _command(*arguments: object) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
+        timeout=PATIENCE,
     )
 
 

@@ -70,7 +70,7 @@ _FIXED: Mapping[str, tuple[Size, ...]] = {
     "imu_position": tuple(Size(f"d{axis}", 0.1) for axis in "xyz"),
     "vane_bias": tuple(Size(f"{angle}_bias", 2.0 * _DEGREE) for angle in ("alpha", "beta")),
     "heading_bias": (Size("heading_bias", 10.0 * _DEGREE),),
-    "time_skew": (Size("delay", 0.1, signs=_UP),),
+    "time_skew": (Size("delay", 0.1),),
     "actuator_lag": (Size("time_constant", 0.2, signs=_UP),),
     "actuator_backlash": (Size("width", 2.0 * _DEGREE, signs=_UP),),
     "surface_effectiveness": (Size("ratio", 0.35, least=0.57, nominal=1.0, signs=_DOWN),),
@@ -87,6 +87,9 @@ _FIXED: Mapping[str, tuple[Size, ...]] = {
 
 CAUSES = (*_FIXED, "actuator_rate_limit", "thrust_offset", "drag_increase", "cross_coupling")
 """Everything in the catalogue but `unlisted`."""
+
+_STREAMS = (*["SERVO_OUTPUT_RAW"] * 3, "GLOBAL_POSITION_INT")
+"""Whose times may be skewed; servo outputs may be early or late."""
 
 _OF_CONTROL = (
     *("actuator_lag", "actuator_rate_limit", "actuator_backlash"),
@@ -138,7 +141,10 @@ def hidden(
         entry["control"] = _control(aircraft, generator)
     match cause:
         case "time_skew":
-            entry["stream"] = "SERVO_OUTPUT_RAW"
+            entry["stream"] = _STREAMS[int(generator.integers(len(_STREAMS)))]
+            if entry["stream"] != _STREAMS[0]:
+                # A measurement cannot be sent before it is made.
+                entry["delay"] = abs(value)
         case "aero_derivative":
             entry["derivative"] = _DERIVATIVES[int(generator.integers(len(_DERIVATIVES)))]
         case "stall":
