@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -126,6 +127,7 @@ def draw(index: int, *, seed: int = 0, fixed: Fixed = Fixed()) -> Draw:
     )
 
 
+@functools.cache
 def load(name: str) -> Aircraft:
     """An aircraft of data/aircraft without vanes, mass and inertia as known after a weighing."""
     aircraft = aircraft_file.load(DATA / f"{name}.toml")
