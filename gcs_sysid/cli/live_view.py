@@ -56,6 +56,10 @@ def line(document: Document) -> str:
         ]
     if document["departures"]:
         parts.append(_departures(document))
+    parts += [one["words"] for one in document.get("alarms", ())]
+    parts += [f"likely: {_cause(one)}" for one in document.get("causes", ())[:1]]
+    if document.get("maneuver"):
+        parts.append(_maneuver(document["maneuver"]))
     if document["other_vehicles"]:
         parts.append(_vehicles(document))
     parts.append(_counts(document))
@@ -101,6 +105,31 @@ def _departures(document: Document) -> str:
         f"{name} since {1e-6 * (now - item['since_us']):.0f} s ({item['deviations']:+.1f} sd)"
         for name, item in document["departures"].items()
     )
+
+
+def _cause(one: Mapping[str, Any]) -> str:
+    """A likely cause with its size, its interval and its probability."""
+    size, band, unit = one["size"], BAND * one["sd"], one["unit"]
+    if unit == "rad":
+        size, band, unit = math.degrees(size), math.degrees(band), "deg"
+    words = f"{one['cause']} {one['about']}".strip()
+    told = _number(size, band) + (f" {unit}" if unit != "1" else "")
+    return f"{words} {told} ({100.0 * one['probability']:.0f} %)"
+
+
+def _maneuver(one: Mapping[str, Any]) -> str:
+    """The maneuver in progress, what it has taught, and whether it may end."""
+    words = f"maneuver {one['number']} on {', '.join(one['controls'])}, {one['seconds']:.0f} s, "
+    words += f"{100.0 * one['learned']:.0f} % learned"
+    return f"{words}, STOP: {one['stop']}" if one["stop"] else words
+
+
+def _gauge(one: Mapping[str, Any]) -> Any:
+    from rich.text import Text
+
+    filled = round(20 * one["learned"])
+    bar = f"[{'#' * filled}{'.' * (20 - filled)}] "
+    return Text(bar + _maneuver(one), style="bold red" if one["stop"] else "bold green")
 
 
 def _counts(document: Document) -> str:
@@ -151,8 +180,16 @@ def table(document: Document) -> Any:
             measured = _number(item["value"], BAND * item["sd"])
             grid.add_row(name, measured, words or "collecting")
         pieces.append(grid)
+    if document.get("maneuver"):
+        pieces.append(_gauge(document["maneuver"]))
     if document["departures"]:
         pieces.append(Text(_departures(document), style="bold yellow"))
+    for one in document.get("causes", ()):
+        pieces.append(Text(f"  likely: {_cause(one)}", style="yellow"))
+    for one in document.get("alarms", ()):
+        pieces.append(Text(one["words"], style="bold red"))
+    for one in document.get("suggestions", ()):
+        pieces.append(Text(f"fly next: {one['fly']} (for {', '.join(one['for'])})"))
     if document["other_vehicles"]:
         pieces.append(Text(_vehicles(document), style="yellow"))
     pieces.append(Text(_counts(document), style="dim"))

@@ -20,7 +20,7 @@ HOST, PORT = "127.0.0.1", 8642
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 TRIED = 20
 """A port that is taken makes room for the next; so many are tried."""
-_LOOK_S = 1.0
+_LOOK_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,12 @@ def bind(host: str = HOST, port: int = PORT) -> Address:
 def serve(folder: Path, address: Address, *, still: Callable[[], bool] = lambda: True) -> None:
     """Serves until interrupted, or until `still` says no."""
     hosts = LOOPBACK if address.host in LOOPBACK else frozenset()
+    watch = Watch(folder)
     server = uvicorn.Server(
         uvicorn.Config(
-            build(Watch(folder), hosts=hosts, token=address.token),
-            log_level="error",
+            build(watch, hosts=hosts, token=address.token),
+            # A page that hangs on at the end is cut off; that is nobody's error.
+            log_level="critical",
             access_log=False,
             server_header=False,
             limit_concurrency=64,
@@ -83,9 +85,10 @@ def serve(folder: Path, address: Address, *, still: Callable[[], bool] = lambda:
 
     async def run() -> None:
         serving = asyncio.create_task(server.serve(sockets=[address.socket]))
-        while not serving.done() and still():
+        while not (serving.done() or server.should_exit) and still():
             await asyncio.wait({serving}, timeout=_LOOK_S)
-        server.should_exit = True
+        # Pages that follow would hold the server back.
+        watch.ended = server.should_exit = True
         await serving
 
     asyncio.run(run())

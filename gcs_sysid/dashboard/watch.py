@@ -31,6 +31,7 @@ class Watch:
     Attributes:
         version: rises with every new document.
         document: the newest; None before the first.
+        ended: whether those who follow are to be let go.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -38,6 +39,7 @@ class Watch:
         self._stamp: tuple[int, int] | None = None
         self._read_at = 0.0
         self.version = 0
+        self.ended = False
         self.document: dict[str, Any] | None = None
         self.history: deque[dict[str, Any]] = deque(maxlen=KEPT)
 
@@ -72,7 +74,7 @@ class Watch:
 
     async def news(self, seen: int = -1) -> AsyncIterator[tuple[int, dict[str, Any]]]:
         """Every document from now on that is newer than version `seen`; the slow miss some."""
-        while True:
+        while not self.ended:
             if self.version != seen and self.document is not None:
                 seen = self.version
                 yield seen, self.document

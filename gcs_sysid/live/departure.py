@@ -7,6 +7,7 @@ measurement, as if a window were one sample, the file's own uncertainty, and tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ from gcs_sysid.estimate.coefficients import Samples
 
 BEGIN, END = 3.0, 2.0
 """Standard deviations from which a departure begins, and below which it is over."""
+LATELY_S = 30.0
+"""A departure that is over is remembered for so long: it comes and goes with what is flown."""
 WINDOWS = 3
 """Windows in a row before it is told: at 50 Hz two seconds."""
 
@@ -44,6 +47,7 @@ class _Watched:
     windows: int = 0
     size: float = 0.0
     deviations: float = 0.0
+    departed: float = -math.inf
 
 
 class Departures:
@@ -91,6 +95,10 @@ class Departures:
             if one.since is not None and one.windows >= WINDOWS
         }
 
+    def lately(self, time: float) -> bool:
+        """Whether something departs, or did within `LATELY_S` before a time [s after the epoch]."""
+        return any(time - one.departed <= LATELY_S for one in self._watched.values())
+
     def _simulated(
         self, model: CoefficientModel, values: Mapping[str, Float[np.ndarray, " sample"]]
     ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
@@ -118,6 +126,8 @@ def _judge(watched: _Watched, time: float, size: float, away: float) -> None:
     if abs(away) >= (BEGIN if watched.since is None else END) and same:
         watched.since = time if watched.since is None else watched.since
         watched.windows += 1
+        if watched.windows >= WINDOWS:
+            watched.departed = time
     else:
         watched.since, watched.windows = None, 0
     watched.size, watched.deviations = size, away

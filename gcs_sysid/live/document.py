@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from gcs_sysid import frames
+from gcs_sysid.live import advice
+from gcs_sysid.live.causes import likely
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.regression import Solution
 from gcs_sysid.live.station import Station
 from gcs_sysid.model.kinematics import BLOCKS
 
@@ -39,6 +42,11 @@ def document(
         health: of the link: whether it is up, rates and ages of its messages, what was asked for.
     """
     newest, epoch = station.newest, station.rows.epoch_us
+    solved = station.model.solutions()
+    known = {name: one.terms() for name, one in solved.items()}
+    alone = station.model.solutions(believing=False)
+    taught = {name: one.terms() for name, one in alone.items()}
+    departs = station.departures.told()
     vehicle = station.decoder.vehicle
     return {
         "schema": SCHEMA,
@@ -61,7 +69,7 @@ def document(
         "coefficients": coefficients(station),
         "derivatives": {
             name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
-            for name, terms in station.model.estimates().items()
+            for name, terms in known.items()
         },
         "departures": {
             name: {
@@ -69,8 +77,16 @@ def document(
                 "size": one.size,
                 "deviations": one.deviations,
             }
-            for name, one in station.departures.told().items()
+            for name, one in departs.items()
         },
+        "causes": causes(station, alone)
+        if newest is not None and station.departures.lately(newest.row.time)
+        else [],
+        "alarms": alarms(station, now_us),
+        "maneuver": station.maneuvers.document(taught, epoch),
+        "maneuvers": station.maneuvers.legs(epoch),
+        "suggestions": advice.suggestions(station.aircraft, taught),
+        "map": station.map.document(solved),
         "latency": {
             "packet_to_update": station.latency.percentiles(),
             "update": station.effort.percentiles(),
@@ -81,6 +97,8 @@ def document(
             "updates": station.updates,
             "decimated": station.rows.decimated + station.skipped,
             "late": station.rows.late,
+            "frozen": station.alarms.left_out,
+            "reboots": station.decoder.clock.reboots,
             "restarts": station.filter.restarts,
             "lost": dict(lost),
         },
@@ -120,3 +138,38 @@ def coefficients(station: Station) -> dict[str, dict[str, float]]:
         }
         for name, values in samples.measured.items()
     }
+
+
+def alarms(station: Station, now_us: int | None) -> list[dict[str, Any]]:
+    """What is wrong with the data now, each with when it began on the log's clock."""
+    epoch, newest = station.rows.epoch_us, station.newest
+    # The log's clock goes on while nothing comes.
+    now = None
+    if epoch is not None and newest is not None and now_us is not None:
+        now = newest.row.time + max(now_us - newest.row.link_us, 0) * 1e-6
+    return [
+        {
+            "kind": one.kind,
+            "what": one.what,
+            "since_us": None if epoch is None else epoch + round(one.since * 1e6),
+            "words": one.words,
+        }
+        for one in station.alarms.told(flying=station.watch.flying, now=now)
+    ]
+
+
+def causes(station: Station, alone: Mapping[str, Solution]) -> list[dict[str, Any]]:
+    """Likely causes of what departs, the likeliest first; `alone` is what the flight says."""
+    found = likely(station.aircraft, alone)
+    return [
+        {
+            "cause": one.suspect.cause,
+            "about": one.suspect.about,
+            "probability": round(one.probability, 3),
+            "log_bayes_factor": round(one.log_bayes_factor, 1),
+            "size": one.size,
+            "sd": one.deviation,
+            "unit": one.suspect.unit,
+        }
+        for one in found
+    ]

@@ -40,6 +40,29 @@ class TermEstimate:
     deviation: float
 
 
+@dataclass(frozen=True)
+class Solution:
+    """Derivatives of one coefficient.
+
+    Attributes:
+        keys: their regressors.
+        value: of each.
+        covariance: of the values.
+    """
+
+    keys: tuple[str, ...]
+    value: Float[np.ndarray, " term"]
+    covariance: Float[np.ndarray, "term term"]
+
+    def terms(self) -> dict[str, TermEstimate]:
+        """One by one."""
+        deviation = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return {
+            key: TermEstimate(float(one), float(sd))
+            for key, one, sd in zip(self.keys, self.value, deviation, strict=True)
+        }
+
+
 class Regressors:
     """The regressors of all coefficients side by side, evaluated by one compiled function.
 
@@ -166,21 +189,28 @@ class RunningModel:
                 ),
             )
 
-    def estimates(self) -> dict[str, dict[str, TermEstimate]]:
-        """Derivatives by coefficient and regressor; empty for what has too few samples yet."""
+    def solutions(self, *, believing: bool = True) -> dict[str, Solution]:
+        """Derivatives by coefficient with their covariance.
+
+        Args:
+            believing: whether the values believed before take part.
+
+        Returns:
+            Nothing of a coefficient that has too few samples yet.
+        """
         found = {}
         for name, sums in self._sums.items():
             keys = self._structure.keys[name]
             if sums.stretches <= 2 * len(keys):
                 continue
-            believed = None if self._prior is None else self._prior.get(name)
-            value, covariance = sums.solved(self._variance, self._sigma[name], believed, keys)
-            deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-            found[name] = {
-                key: TermEstimate(float(one), float(sd))
-                for key, one, sd in zip(keys, value, deviation, strict=True)
-            }
+            known = None if self._prior is None or not believing else self._prior.get(name)
+            value, covariance = sums.solved(self._variance, self._sigma[name], known, keys)
+            found[name] = Solution(keys, value, covariance)
         return found
+
+    def estimates(self) -> dict[str, dict[str, TermEstimate]]:
+        """Derivatives by coefficient and regressor; empty for what has too few samples yet."""
+        return {name: one.terms() for name, one in self.solutions().items()}
 
 
 class _Sums:

@@ -5,6 +5,7 @@ Nothing here waits, opens or writes anything; nothing grows with the length of t
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 
@@ -12,14 +13,17 @@ from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import Prior
+from gcs_sysid.live.alarms import Alarms
 from gcs_sysid.live.choice import measured
 from gcs_sysid.live.coefficients import KEPT, CoefficientWindow
 from gcs_sysid.live.commands import CommandMaps, Commands
 from gcs_sysid.live.departure import Departures
+from gcs_sysid.live.envelope_map import EnvelopeMap
 from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
 from gcs_sysid.live.latency import Latency
-from gcs_sysid.live.regression import Regressors, RunningModel
+from gcs_sysid.live.maneuver import ManeuverWatch
+from gcs_sysid.live.regression import Regressors, RunningModel, TermEstimate
 from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS, IMU_STREAMS
 from gcs_sysid.sources.samples import Sample, SampleDecoder
@@ -27,10 +31,10 @@ from gcs_sysid.sources.stream import Batch
 
 WAITING = 20_000
 """Samples that may wait for the filter: a minute's; older ones are left out and counted."""
-BEHIND_S = 1.0
-"""So late, every other inertial sample is left out."""
 LOST_S = 4.0
 """What is older is not filtered any more: the state shown must be that of now."""
+KEEP = ((1.0, 1), (2.5, 2), (3.0, 4), (3.5, 8), (math.inf, 16))
+"""One in so many inertial samples is used when the filter is less than so late [s]."""
 
 
 class Compiled:
@@ -75,6 +79,9 @@ class Station:
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
         self.departures = Departures(aircraft)
+        self.alarms = Alarms()
+        self.map = EnvelopeMap(aircraft)
+        self.maneuvers = ManeuverWatch(aircraft)
         self.watch = FlyingWatch(aircraft)
         self.ahead = FlyingWatch(aircraft)
         self.latency = Latency()
@@ -115,7 +122,7 @@ class Station:
             if behind > LOST_S:
                 self._skip(sample)
                 continue
-            self.rows.keep = 1 if behind < BEHIND_S else 2
+            self.rows.keep = next(keep for late, keep in KEEP if behind < late)
             self._take(sample)
             if self._clock_us() >= until_us:
                 return
@@ -139,8 +146,9 @@ class Station:
                 self._forget_window()
             elif not before:
                 self.watch.take(time, sample.channels["airspeed"])
-        for row in self.rows.take(sample):
-            self._flown(row)
+        if self.alarms.usable(sample, time, flying=self.watch.flying):
+            for row in self.rows.take(sample):
+                self._flown(row)
 
     def _step(self, row: Row) -> None:
         begun = self._clock_us()
@@ -151,6 +159,7 @@ class Station:
         if not estimates:
             return
         self.newest = estimates[-1]
+        self.alarms.innovations(row.time, row.new, self.newest.nis)
         done = self._clock_us()
         self.latency.add((done - row.link_us) * 1e-6)
         self.effort.add((done - begun) * 1e-6)
@@ -161,6 +170,7 @@ class Station:
             self._unfinished = estimate
 
     def _forget_window(self) -> None:
+        self.alarms.restarted()
         self._unfinished = None
         self.window.clear()
 
@@ -181,8 +191,14 @@ class Station:
             if self.watch.fast_enough(samples.regressors["V"][KEPT]):
                 self.model.take(samples, KEPT)
                 self.departures.take(samples, KEPT)
+                self.map.take(samples, KEPT)
+                self.maneuvers.take(samples, KEPT, self.taught)
             if self._observer is not None:
                 self._observer(samples)
+
+    def taught(self) -> dict[str, dict[str, TermEstimate]]:
+        """What this flight alone says of the derivatives, whatever the file believes."""
+        return {name: one.terms() for name, one in self.model.solutions(believing=False).items()}
 
     def phase(self) -> str:
         """What is going on, in a few words."""

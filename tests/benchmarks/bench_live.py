@@ -1,124 +1,171 @@
-"""How long the live filter takes, and whether one core keeps up with 50 and 100 Hz.
+"""Listening to a busy link in real time: latency, processor time, memory, what is recorded.
 
-The bundled flight is fed frame by frame on a clock of its own: a frame arrives at its time, or, if
-the computer was still busy, waits; what the work costs is this process's own CPU time. So the
-latencies are those of a link in real time on one core, without waiting for it.
+`gcs-sysid listen` runs as its users run it, in a process of its own, and is fed over UDP by this
+one: 100 Hz of inertial unit, attitude and servos, 10 Hz of the rest (`live_feed`). Then the same
+at ten times the rate. `--seconds N` is the length of both (default 60; twenty at ten times).
 """
 
 from __future__ import annotations
 
-import gc
+import itertools
+import json
 import os
+import shutil
+import signal
+import socket
+import subprocess
 import sys
+import tempfile
 import time
-import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-import jax
 import table
+from live_feed import AIRCRAFT, Feed
 
-from gcs_sysid import aircraft_file
-from gcs_sysid.live import document, warming
-from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.sources import tlog
-from gcs_sysid.sources.stream import FrameStream
 
-ROOT = Path(__file__).resolve().parents[2]
-AIRCRAFT = ROOT / "data/aircraft/ultra_stick_25e.toml"
-FLIGHT = ROOT / "data/flights/demo.tlog"
-LENGTH_S = 60.0
-
-
-class BusyClock:
-    """The time of a computer that does one thing after another, in µs."""
-
-    def __init__(self) -> None:
-        self._base = 0
-        self._cpu = time.process_time_ns()
-
-    def us(self) -> int:
-        return self._base + (time.process_time_ns() - self._cpu) // 1000
-
-    def arrive(self, at_us: int) -> None:
-        """Goes on to the arrival of a frame, unless it is later already."""
-        self._base, self._cpu = max(self.us(), at_us), time.process_time_ns()
+SECONDS = 60.0
+TIMES = 10
+_TICKS = os.sysconf("SC_CLK_TCK")
+PATIENCE_S = 120.0
 
 
-def ready() -> tuple[Station, BusyClock]:
-    """A station with everything compiled, and its clock."""
-    clock = BusyClock()
-    aircraft = aircraft_file.load(AIRCRAFT)
-    compiled = Compiled(aircraft)
-    warming.warm(aircraft, compiled)
-    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=clock.us)
-    return station, clock
+class Listener:
+    """A process that listens, looked at from outside."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self.folder = folder
+        self.begun = time.monotonic()
+        words = ["listen", f"udpin:127.0.0.1:{port}", "--aircraft", str(AIRCRAFT)]
+        words += ["--out", str(folder), "--no-dashboard", "--listen-only", "--quiet-after", "1000"]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "gcs_sysid", *words],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def cpu(self) -> float:
+        """Processor time used so far [s]."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / _TICKS
+
+    def memory(self) -> float:
+        """Largest resident memory so far [MB]."""
+        for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+        raise AssertionError("no VmHWM")
+
+    def live(self) -> dict:
+        try:
+            return json.loads((self.folder / "live.json").read_text())
+        except (OSError, ValueError):
+            return {}
+
+    def stop(self) -> None:
+        self.process.kill()  # what it would identify now is not measured here
+        self.process.wait()
 
 
-def feed(station: Station, clock: BusyClock, speed: float) -> Iterator[float]:
-    """Feeds the flight and makes the document once a second; yields the time of each [s]."""
-    stream = FrameStream()
-    published = 0.0
-    played = tlog.frames(FLIGHT.read_bytes())
-    first = played[0][0]
-    for link_us, frame in played:
-        at = (link_us - first) * 1e-6
-        if at > LENGTH_S:
-            return
-        arrival = first + int(1e6 * at / speed)
-        clock.arrive(arrival)
-        station.receive(stream.feed(frame, arrival))
-        station.work(2**62)
-        if at / speed - published >= 1.0:
-            published = at / speed
-            document.document(station, link="", phase="", recorded=0, lost=stream.lost)
-            yield published
+@contextmanager
+def listening() -> Iterator[tuple[Listener, Callable[[bytes], object]]]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        folder = Path(tempfile.mkdtemp(prefix="bench-live-"))
+        listener = Listener(folder, port)
+        try:
+            yield listener, lambda frame: sender.sendto(frame, ("127.0.0.1", port))
+        finally:
+            listener.stop()
+            shutil.rmtree(folder)
 
 
-def timed(speed: float) -> tuple[str, ...]:
-    station, clock = ready()
-    begin = time.process_time()
-    for _ in feed(station, clock, speed):
-        pass
-    busy = (time.process_time() - begin) / (LENGTH_S / speed)
-    update, packet = station.effort.percentiles(), station.latency.percentiles()
-    return (
-        f"{50 * speed:.0f}",
-        f"{update['p50_ms']:.1f} / {update['p99_ms']:.1f}",
-        f"{packet['p50_ms']:.0f} / {packet['p99_ms']:.0f}",
-        str(station.rows.decimated + station.skipped),
-        f"{100 * busy:.0f} %",
-    )
+def fed(
+    frames: Iterator[tuple[float, bytes]], send: Callable[[bytes], object], speed: float
+) -> Iterator[tuple[float, bytes]]:
+    """Sends frames at their times; yields each once it is sent."""
+    begun = time.monotonic()
+    for at, frame in frames:
+        left = begun + at / speed - time.monotonic()
+        if left > 0.0:
+            time.sleep(left)
+        send(frame)
+        yield at / speed, frame
 
 
-def grown() -> float:
-    """Memory that the last third of the flight adds [KiB]."""
-    station, clock = ready()
-    tracemalloc.start()
-    sizes = []
-    for _ in feed(station, clock, 1.0):
-        gc.collect()
-        sizes.append(tracemalloc.get_traced_memory()[0])
-    tracemalloc.stop()
-    return (sizes[-1] - sizes[2 * len(sizes) // 3]) / 1024
+def in_real_time(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
+    """Latency, first estimate, processor time, memory."""
+    first: float | None = None
+    looked, settled = 0.0, None
+    with listening() as (listener, send):
+        for at, _ in fed(feed.frames(), send, 1.0):
+            if at - looked < 0.25:
+                continue
+            looked = at
+            if first is None and listener.live().get("state"):
+                first = time.monotonic() - listener.begun
+                settled = (time.monotonic(), listener.cpu())
+            if first is not None and time.monotonic() - listener.begun - first >= seconds:
+                break
+            assert first is not None or at < PATIENCE_S, "no estimate"
+        assert first is not None
+        assert settled is not None
+        used = (listener.cpu() - settled[1]) / (time.monotonic() - settled[0])
+        last, memory = listener.live(), listener.memory()
+    packet, counts = last["latency"]["packet_to_update"], last["counts"]
+    return [
+        ("packet to update, p50", "5 ms", f"{packet['p50_ms']:.1f} ms"),
+        ("packet to update, p99", "25 ms", f"{packet['p99_ms']:.1f} ms"),
+        ("start to first estimate, code compiled before", "10 s", f"{first:.1f} s"),
+        ("of one core", "40 %", f"{100 * used:.0f} %"),
+        ("resident memory, largest", "600 MB", f"{memory:.0f} MB"),
+        ("inertial samples left out", "0", str(counts["decimated"])),
+    ]
+
+
+def at_ten_times(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
+    """Whether the recording holds every frame."""
+    sent: list[bytes] = []
+    with listening() as (listener, send):
+        for count, _ in enumerate(itertools.repeat(None)):
+            # Until it listens, nothing counts.
+            if listener.live():
+                break
+            assert count < 10 * PATIENCE_S
+            time.sleep(0.1)
+        for at, frame in fed(feed.frames(), send, TIMES):
+            sent.append(frame)
+            if at >= seconds:
+                break
+        time.sleep(2.0)
+        last = listener.live()
+        kept = [f for _, f in tlog.frames((listener.folder / "recording.tlog").read_bytes())]
+    lost = len(sent) - len(kept)
+    return [
+        (f"frames missing of {len(sent)} at {TIMES} times the rate", "0", str(lost)),
+        ("the rest as it was sent", "yes", "yes" if kept == sent else "no"),
+        ("inertial samples left out there", "said", str(last["counts"]["decimated"])),
+    ]
 
 
 if __name__ == "__main__":
-    if "OPENBLAS_NUM_THREADS" not in os.environ:
-        # As the program runs: threads only get in the way of small systems.
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"
-        os.execv(sys.executable, [sys.executable, *sys.argv])
-    jax.config.update("jax_enable_x64", True)
+    words = sys.argv
+    seconds = float(words[words.index("--seconds") + 1]) if "--seconds" in words else SECONDS
+    made = Feed()
+    with listening() as (warm, _):  # compiles, and keeps what it compiled
+        until = time.monotonic() + PATIENCE_S
+        while not warm.live() and time.monotonic() < until:
+            time.sleep(0.2)
+        while "compiled" in warm.live().get("phase", "") and time.monotonic() < until:
+            time.sleep(0.2)
+        time.sleep(20.0)
+        warm.process.send_signal(signal.SIGTERM)
     table.show(
         "live",
-        "Live filter and first model on one core: time per inertial sample (wanted: 50 to 100 Hz, "
-        f"nothing decimated, memory that does not grow: {grown():.0f} KiB in the last third)",
-        (
-            "IMU [Hz]",
-            "update p50 / p99 [ms]",
-            "packet to update p50 / p99 [ms]",
-            "decimated",
-            "of one core",
-        ),
-        [timed(speed) for speed in (1.0, 2.0)],
+        f"Listening to 340 messages a second, {seconds:.0f} s in real time",
+        ("what", "wanted", "found"),
+        [*in_real_time(made, seconds), *at_ten_times(made, min(seconds, 20.0))],
     )

@@ -95,6 +95,32 @@ def test_a_simulation_that_departs_is_told_with_its_time() -> None:
     assert words in shown(told)
 
 
+def test_alarms_causes_the_maneuver_and_what_to_fly_are_told() -> None:
+    told = document(
+        alarms=[{"kind": "silent", "what": "airspeed", "words": "airspeed is not heard for 5 s"}],
+        causes=[
+            {"cause": "surface_offset", "about": "elevator", "probability": 0.9,
+             "log_bayes_factor": 7.0, "size": RAD(-2.0), "sd": RAD(0.5), "unit": "rad"},
+            {"cause": "mass", "about": "", "probability": 0.05,
+             "log_bayes_factor": 4.0, "size": 0.1, "sd": 0.02, "unit": "1"},
+        ],
+        maneuver={"number": 2, "controls": ["elevator"], "seconds": 8.2, "learned": 0.5,
+                  "stop": "known to 10 %", "gauge": []},
+        suggestions=[{"fly": "rudder doublets", "for": ["Cn_rhat"], "wanted": 0.1}],
+    )  # fmt: skip
+    line, table = live_view.line(told), shown(told)
+    for words in (
+        "airspeed is not heard for 5 s",
+        "likely: surface_offset elevator -2.00 ± 0.98 deg (90 %)",
+        "maneuver 2 on elevator, 8 s, 50 % learned, STOP: known to 10 %",
+    ):
+        assert words in line
+        assert words in table
+    assert "likely: mass 0.100 ± 0.039 (5 %)" in table
+    assert "[##########..........]" in table
+    assert "fly next: rudder doublets (for Cn_rhat)" in table
+
+
 def test_another_vehicle_is_named_with_the_way_to_choose_it():
     two = document(other_vehicles=[7])
     for text in (shown(two), live_view.line(two)):

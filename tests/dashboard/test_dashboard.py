@@ -6,6 +6,8 @@ import html
 import http.client
 import json
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -44,6 +46,34 @@ def live(**parts: object) -> dict:
         "coefficients": {"CZ": {"value": -0.4567, "sd": 0.01, "age_s": 0.3}},
         "derivatives": {"CZ": {"alpha": {"value": -4.5, "sd": 0.25}}},
         "departures": {"CZ": {"since_us": -11_999_999, "size": 0.1, "deviations": 4.2}},
+        "causes": [
+            {"cause": "surface_effectiveness", "about": "<i>elevator</i>", "probability": 0.973,
+             "log_bayes_factor": 9.0, "size": -0.346, "sd": 0.02, "unit": "1"},
+            {"cause": "cg_shift", "about": "", "probability": 0.02,
+             "log_bayes_factor": 4.0, "size": -0.0622, "sd": 0.004, "unit": "mean chords forward"},
+        ],
+        "alarms": [
+            {"kind": "frozen", "what": "VFR_HUD", "since_us": 1,
+             "words": "VFR_HUD repeats itself for 4 s and is left out"},
+        ],
+        "maneuver": {
+            "number": 3, "controls": ["elevator"], "learned": 0.625, "stop": "known to 10 %",
+            "since_us": 1, "seconds": 7.5,
+            "gauge": [{"derivative": "Cm_elevator", "value": -0.78, "sd_before": 0.4, "sd": 0.05,
+                       "sd_wanted": 0.078}],
+        },
+        "maneuvers": [],
+        "suggestions": [{"fly": "rudder doublets", "for": ["Cn_rhat", "CY_beta"], "wanted": 0.1}],
+        "map": {
+            "level": 0.1, "least_s": 1.0,
+            "speed": {"edges": [10.0, 15.0, 20.0], "seconds": [4.0, 8.0]},
+            "planes": [
+                {"x": "alpha", "y": "beta", "x_edges": [-0.1, 0.0, 0.1],
+                 "y_edges": [-0.2, 0.0, 0.2],
+                 "seconds": [[2.0, 0.0], [0.0, 3.0]],
+                 "share_of_spread": {"Cm": [[0.05, 0.5], [0.5, 0.3]], "CZ": [[0.5] * 2] * 2}},
+            ],
+        },
         "latency": {"packet_to_update": {"p50_ms": 3.0, "p99_ms": 9.0}},
         "counts": {
             "received": 7, "recorded": 7, "updates": 5, "decimated": 0, "late": 0, "restarts": 0,
@@ -143,7 +173,9 @@ def test_nothing_comes_from_elsewhere_and_nothing_runs_but_its_own(page: Page) -
     assert status == 200
     assert "default-src 'none'" in headers["content-security-policy"]
     assert "unsafe" not in headers["content-security-policy"]
-    text = (body + page.ask("/page.css")[2] + page.ask("/page.js")[2]).decode()
+    text = (body + page.ask("/page.css")[2]).decode()
+    for name in ("page", "learning", "start"):
+        text += page.ask(f"/{name}.js")[2].decode()
     assert not re.search(r"https?://|innerHTML|eval\(", text)
 
 
@@ -233,6 +265,33 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert "alpha -4.50 ± 0.49" in seen
     assert html.escape("A <b>bold</b> aircraft") in seen
     assert "The vehicle refuses AOA_SSA." in seen
+    assert "VFR_HUD repeats itself for 4 s and is left out." in seen
+    # −0.346 ± 1.96 · 0.02, in percent; a shift in mean chords.
+    assert "effect of the &lt;i&gt;elevator&lt;/i&gt;: -34.6 ± 3.9 % (97 %)" in seen
+    assert "centre of gravity: -0.0622 ± 0.0078 mean chords forward (2 %)" in seen
+    assert "Maneuver 3: elevator, 8 s" in seen
+    assert "STOP: known to 10 %" in seen
+    assert "62 % learned" in seen or "63 % learned" in seen
+    assert "rudder doublets — for Cn_rhat, CY_beta" in seen
+    assert browser.evaluate("document.querySelectorAll('#map canvas').length") == 2
+    pressed = "document.querySelector('#chooser [aria-pressed=true]').textContent"
+    assert browser.evaluate(pressed) == "Cm"
+    # Flown and known, flown and not known, never flown: three fills of the first map.
+    fill = (
+        "(([x, y]) => {{ const c = document.querySelector('#map canvas');"
+        " const k = c.width / c.clientWidth; return Array.from(c.getContext('2d')"
+        ".getImageData(k * x, k * y, 1, 1).data).join(); }})([{}, {}])"
+    )
+    width_, height_ = (
+        browser.evaluate(f"document.querySelector('#map canvas').client{side}")
+        for side in ("Width", "Height")
+    )
+    left, right = 44 + 0.1 * (width_ - 50), 44 + 0.6 * (width_ - 50)
+    top, bottom = 8 + 0.1 * (height_ - 34), 8 + 0.6 * (height_ - 34)
+    known, never = fill.format(left, bottom), fill.format(left, top)
+    visited = fill.format(right, top)
+    colours = [browser.evaluate(one) for one in (known, visited, never)]
+    assert len(set(colours)) == 3, colours
     assert "CZ: the simulation departs for 12 s (4.2 standard deviations)." in seen
     assert re.search(r"Values are 4\d s old\.", seen)
     assert "lost: bad_crc 2" in seen
@@ -244,3 +303,29 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     browser.evaluate("document.getElementById('theme').click()")
     assert browser.evaluate("document.documentElement.className") == "dark"
     browser.close()
+
+
+def test_pages_that_follow_are_let_go_without_a_word(tmp_path: Path) -> None:
+    """uvicorn told users that it cancelled a running task whenever `listen` ended."""
+    write(tmp_path, live())
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gcs_sysid", "dashboard", str(tmp_path), "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    port = int(process.stdout.readline().rstrip("/\n").rpartition(":")[2])
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        try:
+            connection.request("GET", "/events")
+            break
+        except OSError:
+            time.sleep(0.05)
+    connection.getresponse().readline()
+    process.terminate()
+    out, err = process.communicate(timeout=PATIENCE_S)
+    connection.close()
+    assert out == err == ""

@@ -36,7 +36,7 @@ function tiles(live) {
   at("state").replaceChildren(...TILES.filter(([name]) => live.state[name]).map(([name, label, unit]) => {
     const item = live.state[name], by = scale(name), tile = cell("div", "", "tile");
     tile.dataset.name = name;
-    tile.append(cell("span", label), cell("b", (by * item.value).toFixed(1)),
+    tile.append(cell("span", label), cell("b", (by * item.value).toFixed(1).replace(/^-(0\.0)$/, "$1")),
       cell("span", `± ${(by * BAND * item.sd).toFixed(1)} ${unit}`));
     return tile;
   }));
@@ -85,6 +85,7 @@ function alarms(live, late) {
   }
   for (const [name, one] of Object.entries(live.departures || {}))
     words.push(`${name}: the simulation departs for ${((live.time_us - one.since_us) / 1e6).toFixed(0)} s (${one.deviations.toFixed(1)} standard deviations).`);
+  words.push(...(live.alarms || []).map(one => `${one.words[0].toUpperCase()}${one.words.slice(1)}.`));
   const refused = Object.entries(health.requests || {}).filter(([, one]) => one.answer === "refused").map(([name]) => name);
   if (refused.length) words.push(`The vehicle refuses ${refused.join(", ")}.`);
   if (live.other_vehicles.length) words.push(`Vehicle ${live.vehicle} is followed; heard too: ${live.other_vehicles.join(", ")}.`);
@@ -114,7 +115,7 @@ function history(canvas) {
   if (known.length < 2) { pen.fillText("collecting", 8, 20); return; }
   const first = seen[0][0], last = Math.max(seen[seen.length - 1][0], first + 10);
   const [low, high] = limits(known.flatMap(p => [p[1] - p[2], p[1] + p[2]]));
-  const left = 52, x = t => left + (t - first) / (last - first) * (width - left - 4);
+  const left = 66, x = t => left + (t - first) / (last - first) * (width - left - 4);
   const y = v => 6 + (high - v) / (high - low) * (height - 28);
   const runs = [[]];
   for (const p of seen) p[1] === null ? runs.push([]) : runs[runs.length - 1].push(p);
@@ -131,33 +132,16 @@ function history(canvas) {
   pen.fillText(high.toPrecision(3), 2, 18); pen.fillText(low.toPrecision(3), 2, height - 24);
   pen.fillText(`${(last - first).toFixed(0)} s`, width - 50, height - 4); pen.fillText("0", left, height - 4);
 }
-function flown(canvas) {
-  const [across, up] = canvas.dataset.map.split(" "), [pen, width, height] = prepared(canvas);
-  const known = past.filter(p => p[across] && p[up] && !(p.age_s > STALE_S))
-    .map(p => [scale(across) * p[across][0], scale(up) * p[up][0]]);
-  if (known.length < 2) { pen.fillText("collecting", 8, 20); return; }
-  const [left, right] = limits(known.map(p => p[0])), [low, high] = limits(known.map(p => p[1]));
-  pen.fillStyle = colour("--mark");
-  for (const [a, b] of known) {
-    pen.globalAlpha = 0.45;
-    pen.beginPath();
-    pen.arc(40 + (a - left) / (right - left) * (width - 46), 6 + (high - b) / (high - low) * (height - 28), 4, 0, 7);
-    pen.fill();
-  }
-  pen.globalAlpha = 1; pen.fillStyle = colour("--ink");
-  pen.fillText(high.toFixed(1), 2, 18); pen.fillText(low.toFixed(1), 2, height - 24);
-  pen.fillText(left.toFixed(1), 40, height - 4); pen.fillText(right.toFixed(1), width - 40, height - 4);
-}
 function plots() {
   document.querySelectorAll("canvas[data-name]").forEach(history);
-  document.querySelectorAll("canvas[data-map]").forEach(flown);
+  maps(newest);
 }
 function late() { return offered + (performance.now() - arrived) / 1000; }
 function show() {
   if (!newest) return;
   at("aircraft").textContent = newest.aircraft;
   at("phase").textContent = newest.phase;
-  tiles(newest); model(newest); streams(newest, Math.max(late() - 1.5, 0)); alarms(newest, Math.max(late() - 1.5, 0)); plots();
+  tiles(newest); model(newest); learning(newest); streams(newest, Math.max(late() - 1.5, 0)); alarms(newest, Math.max(late() - 1.5, 0)); plots();
 }
 function follow() {
   const events = new EventSource("/events");
@@ -170,15 +154,3 @@ function follow() {
     show();
   };
 }
-at("theme").onclick = () => {
-  const dark = document.documentElement.classList.toggle("dark");
-  try { localStorage.setItem("theme", dark ? "dark" : "light"); } catch (error) { /* private windows keep nothing */ }
-  plots();
-};
-let kept = null;
-try { kept = localStorage.getItem("theme"); } catch (error) { /* as above */ }
-document.documentElement.classList.toggle("dark",
-  kept ? kept === "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
-addEventListener("resize", plots);
-setInterval(() => { if (newest) { alarms(newest, Math.max(late() - 1.5, 0)); streams(newest, Math.max(late() - 1.5, 0)); } }, 1000);
-fetch("/history.json").then(answer => answer.json()).then(found => { past = found; }).finally(follow);

@@ -1,0 +1,163 @@
+"""What is wrong with the data while it flies: sensors that stand still, fall silent, or disagree.
+
+A sensor that repeats itself exactly is left out of the filter, whose states then grow uncertain as
+they should; one that disagrees with all others is told, and weighed by what it is found to be worth
+(`intensities`). Nothing here stops anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gcs_sysid.live.choice import measured
+from gcs_sysid.model.kinematics import MEASURED
+from gcs_sysid.reconstruct.measurements import (
+    AIRSPEED_STREAMS,
+    ATTITUDE_STREAMS,
+    IMU_STREAMS,
+    VELOCITY_STREAMS,
+)
+from gcs_sysid.sources.samples import Sample
+
+FROZEN_S = 2.0
+"""A sensor in flight that repeats itself for so long is dead: noise alone moves the last digit."""
+FROZEN_LEAST = 5
+"""And so many samples at least."""
+SILENT_S = 3.0
+DISAGREES = 4.0
+"""Mean square innovation over its own, from which a sensor disagrees with the others..."""
+AGREES = 2.0
+"""... and below which it does not any more."""
+MEMORY_S = 5.0
+"""Time constant of that mean: one outlier of a radio is no disagreement."""
+
+WATCHED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "inertial unit": (IMU_STREAMS, ("p", "q", "r", "acc_x", "acc_y", "acc_z")),
+    "airspeed": (AIRSPEED_STREAMS, ("airspeed",)),
+    "velocity": (VELOCITY_STREAMS, ("v_north", "v_east", "v_down")),
+    "attitude": (ATTITUDE_STREAMS, ("roll", "pitch", "yaw")),
+    "vanes": (("AOA_SSA",), ("alpha", "beta")),
+}
+"""What is watched: streams, and the channels that must move."""
+_WIDTHS = np.array([rows.stop - rows.start for rows in MEASURED.values()])
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Something wrong now.
+
+    Attributes:
+        kind: `frozen`, `silent`, `invalid` or `disagrees`.
+        what: sensor.
+        since: when it began [s after the epoch].
+        words: for people.
+    """
+
+    kind: str
+    what: str
+    since: float
+    words: str
+
+
+@dataclass
+class _Seen:
+    """What was heard of one stream."""
+
+    values: tuple[float, ...]
+    since: float
+    repeats: int = 0
+
+
+class Alarms:
+    """Watches samples and innovations of one flight; memory does not grow."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+        self._frozen: dict[str, float] = {}
+        self._valid: dict[str, float] = {}
+        self._heard: dict[str, float] = {}
+        self._square = np.zeros(len(MEASURED))
+        self._away: dict[str, float] = {}
+        self._last = np.full(len(MEASURED), np.nan)
+        self._now = 0.0
+        self.left_out = 0
+
+    def usable(self, sample: Sample, time: float, *, flying: bool) -> bool:
+        """Takes note of a sample; says whether the filter may use it."""
+        self._now = max(self._now, time)
+        for what, (streams, channels) in WATCHED.items():
+            if sample.stream not in streams:
+                continue
+            self._heard[what] = time
+            if measured(sample, channels):
+                self._valid[what] = time
+                if self._stands_still(sample, channels, time) and flying:
+                    self._frozen.setdefault(sample.stream, time - FROZEN_S)
+                    self.left_out += 1
+                    return False
+                self._frozen.pop(sample.stream, None)
+        return True
+
+    def _stands_still(self, sample: Sample, channels: tuple[str, ...], time: float) -> bool:
+        values = tuple(sample.channels[name] for name in channels)
+        seen = self._seen.get(sample.stream)
+        if seen is None or seen.values != values or not any(values):
+            self._seen[sample.stream] = _Seen(values, time)
+            return False
+        seen.repeats += 1
+        return seen.repeats >= FROZEN_LEAST and time - seen.since >= FROZEN_S
+
+    def innovations(
+        self,
+        time: float,
+        new: Bool[np.ndarray, " group"],
+        nis: Float[np.ndarray, " group"],
+    ) -> None:
+        """Takes note of normalised innovations squared of the groups that are `new`."""
+        for index, name in enumerate(MEASURED):
+            if not new[index]:
+                continue
+            step = time - self._last[index] if math.isfinite(self._last[index]) else MEMORY_S
+            self._last[index] = time
+            share = 1.0 - math.exp(-min(max(step, 0.0), MEMORY_S) / MEMORY_S)
+            # One sample says no more than a five-sigma one: see `observation.NIS_LIMIT`.
+            one = min(float(nis[index]) / _WIDTHS[index], 25.0)
+            self._square[index] += share * (one - self._square[index])
+            if self._square[index] > DISAGREES:
+                self._away.setdefault(name, time)
+            elif self._square[index] < AGREES:
+                self._away.pop(name, None)
+
+    def restarted(self) -> None:
+        """Forgets innovations: the filter has begun anew."""
+        self._square[:] = 0.0
+        self._away.clear()
+
+    def told(self, *, flying: bool, now: float | None = None) -> list[Alarm]:
+        """What is wrong now; `now` is the newest time known [s], that of the samples if None."""
+        here = self._now if now is None else max(now, self._now)
+        found = [
+            Alarm("frozen", stream, since,
+                  f"{stream} repeats itself for {here - since:.0f} s and is left out")
+            for stream, since in self._frozen.items()
+        ]  # fmt: skip
+        if not flying:
+            return found
+        for what, last in self._valid.items():
+            if here - last <= SILENT_S:
+                continue
+            speaks = here - self._heard[what] <= SILENT_S
+            kind = "invalid" if speaks else "silent"
+            why = "holds no number" if speaks else "is not heard"
+            found.append(Alarm(kind, what, last, f"{what} {why} for {here - last:.0f} s"))
+        found += [
+            Alarm("disagrees", what, since,
+                  f"{what} disagrees with the rest for {here - since:.0f} s")
+            for what, since in self._away.items()
+        ]  # fmt: skip
+        return found
