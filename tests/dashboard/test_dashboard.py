@@ -316,13 +316,14 @@ def test_pages_that_follow_are_let_go_without_a_word(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     port = int(process.stdout.readline().rstrip("/\n").rpartition(":")[2])
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
     until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
+    while True:
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
         try:
             connection.request("GET", "/events")
             break
         except OSError:
+            assert time.monotonic() < until
             time.sleep(0.05)
     connection.getresponse().readline()
     process.terminate()
