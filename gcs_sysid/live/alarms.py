@@ -31,8 +31,9 @@ FROZEN_LEAST = 5
 SILENT_S = 3.0
 DISAGREES = 4.0
 """Mean square innovation over its own, from which a sensor disagrees with the others..."""
-AGREES = 2.0
-"""... and below which it does not any more."""
+AGREES, AGREED_S = 2.0, 20.0
+"""... and below which for so long [s] it does not any more: meanwhile its noise is learned anew, so
+that what it says counts for less, and the innovations look small again."""
 MEMORY_S = 5.0
 """Time constant of that mean: one outlier of a radio is no disagreement."""
 
@@ -83,6 +84,7 @@ class Alarms:
         self._heard: dict[str, float] = {}
         self._square = np.zeros(len(MEASURED))
         self._away: dict[str, float] = {}
+        self._apart: dict[str, float] = {}
         self._last = np.full(len(MEASURED), np.nan)
         self._now = 0.0
         self.left_out = 0
@@ -130,7 +132,9 @@ class Alarms:
             self._square[index] += share * (one - self._square[index])
             if self._square[index] > DISAGREES:
                 self._away.setdefault(name, time)
-            elif self._square[index] < AGREES:
+            if self._square[index] > AGREES:
+                self._apart[name] = time
+            elif time - self._apart.get(name, time) > AGREED_S:
                 self._away.pop(name, None)
 
     def restarted(self) -> None:

@@ -7,6 +7,7 @@ into it, the filter works in short turns in between, and whoever shows its resul
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ from gcs_sysid.sources.signing import Signatures, load_key
 
 RECORDING, LIVE = "recording.tlog", "live.json"
 QUIET_S = 10.0
+SWITCH_S = 0.0005
+"""The thread that reads the link waits no longer for its turn; Python's own is ten times that, and
+at thousands of datagrams a second the system's buffer would overflow."""
 
 _LOG = logging.getLogger(__name__)
 _CLOCK = Clock()
@@ -108,6 +112,7 @@ def run(
         SourceError: a link cannot be opened, nothing at all arrived, or the recording failed.
         InputError: the model's snapshot cannot be continued.
     """
+    sys.setswitchinterval(SWITCH_S)
     believed = file_prior(aircraft) if options.prior == "file" else None
     compiled = Compiled(aircraft)
     station = Station(

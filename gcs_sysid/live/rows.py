@@ -26,6 +26,9 @@ from gcs_sysid.sources.samples import Sample
 INERTIAL = ("p", "q", "r", "acc_x", "acc_y", "acc_z")
 NEEDED = ("airspeed", "velocity", "attitude")
 """Groups of measurements without which there is no reconstruction."""
+SHORTEST_STEP = 0.0069
+"""Inertial samples that follow closer than this [s], 145 Hz, are left out: no aircraft that this is
+for moves faster, and a filter's step costs the same however short it is."""
 _OPEN = 8
 """Messages of one kind that wait for a row; more than come between two inertial samples."""
 
@@ -206,7 +209,8 @@ class RowMaker:
             self.late += 1
             return None
         self._skipped += 1
-        if self._skipped < self.keep:
+        close = self._current is not None and time - self._current.time < SHORTEST_STEP
+        if self._skipped < self.keep or close:
             self.decimated += 1
             return None
         self._skipped = 0

@@ -6,6 +6,7 @@ is shared with the real one.
 
 from __future__ import annotations
 
+import gc
 import math
 import threading
 from collections.abc import Generator, Iterator
@@ -32,6 +33,9 @@ def started(
     def compile_all() -> None:
         try:
             warm(aircraft, compiled)
+            # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
+            gc.collect()
+            gc.freeze()
         finally:
             ready.set()
 

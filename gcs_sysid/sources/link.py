@@ -30,6 +30,8 @@ _HOST_AND_PORT = re.compile(r"[^:\s]+:\d{1,5}")
 _LARGEST_READ = 65535
 _BAUD = 115200
 """Of a serial device whose address names none; pymavlink's default."""
+_RECEIVING = 4 << 20
+"""Bytes of datagrams that the system keeps for us, as far as it allows: seconds of a busy link."""
 _PATIENCE_S = 0.2
 _FAREWELL_S = 3.0
 _OUTBOX = 64
@@ -60,9 +62,15 @@ class _Port(Protocol):
     def close(self) -> None: ...
 
 
+_STARTED_NS = time.time_ns() - time.monotonic_ns()
+
+
 def now_us() -> int:
-    """The ground station's clock [µs since 1970]."""
-    return time.time_ns() // 1000
+    """The ground station's clock [µs since 1970], as it was set when the program began.
+
+    A clock that is set anew while it runs, by hand or from a network, would make arrivals jump.
+    """
+    return (_STARTED_NS + time.monotonic_ns()) // 1000
 
 
 class Link(Closing):
@@ -153,7 +161,10 @@ def _open(address: str) -> _Port:
         if address.startswith(_WAITING):
             _alone(address)
         # One attempt: pymavlink prints and sleeps between several.
-        return mavutil.mavlink_connection(address, retries=1)
+        opened = mavutil.mavlink_connection(address, retries=1)
+        if isinstance(opened, mavutil.mavudp):
+            opened.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVING)
+        return opened
     except OSError as error:
         raise _broken(address, error) from error
 

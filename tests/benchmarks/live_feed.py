@@ -30,9 +30,14 @@ _ANGLES = {"roll", "pitch", "yaw"}
 
 
 class Feed:
-    """Frames of a vehicle that flies the same flight again and again."""
+    """Frames of a vehicle that flies the same flight again and again.
 
-    def __init__(self) -> None:
+    Args:
+        times: all rates but that of heartbeats are so many times theirs.
+    """
+
+    def __init__(self, times: int = 1) -> None:
+        self._times = times
         recorded: dict[str, list[tuple[float, Any]]] = {}
         parser = dialect.MAVLink(None)
         frames = tlog.frames(FLIGHT.read_bytes())
@@ -53,10 +58,11 @@ class Feed:
         """Times [s] from the first lap's beginning and frames, of this lap and all that follow."""
         while True:
             begun = lap * (self.lap_s + HOLE_S)
-            for tick in range(int(self.lap_s / _TICK_S)):
-                inside = tick * _TICK_S
-                boot_ms = round(1000.0 * (begun + inside)) + 1000
-                if tick % 100 == 0:
+            step = _TICK_S / self._times
+            for tick in range(int(self.lap_s / step)):
+                inside = tick * step
+                boot_ms = 1000.0 * (begun + inside) + 1000.0
+                if tick % (100 * self._times) == 0:
                     yield begun + inside, self._packed(self._beat)
                 for name, rate in RATES.items():
                     if tick % round(1.0 / (rate * _TICK_S)) == 0:
@@ -88,7 +94,7 @@ class _Series:
             for name, kind in zip(self._kind.fieldnames, self._kind.fieldtypes, strict=True)
         }
 
-    def at(self, time: float, boot_ms: int) -> Any:
+    def at(self, time: float, boot_ms: float) -> Any:
         values = {}
         for name, column in self._columns.items():
             value = float(np.interp(time, self._time, column))
@@ -96,7 +102,7 @@ class _Series:
                 value = math.remainder(value, 2.0 * math.pi)
             values[name] = round(value) if self._whole[name] else value
         if "time_boot_ms" in values:
-            values["time_boot_ms"] = boot_ms
+            values["time_boot_ms"] = round(boot_ms)
         if "time_usec" in values:
-            values["time_usec"] = boot_ms * 1000
+            values["time_usec"] = round(boot_ms * 1000)
         return self._kind(*(values[name] for name in self._kind.fieldnames))

@@ -149,6 +149,17 @@ def test_every_other_sample_is_left_out_when_asked() -> None:
     assert [row.step for row in rows[2:]] == pytest.approx([2 * STEP_S] * len(rows[2:]))
 
 
+@pytest.mark.parametrize(
+    ("rate", "used"), [(50, 50), (100, 100), (200, 100), (400, 400 / 3), (1000, 1000 / 7)]
+)
+def test_the_filter_gets_no_more_samples_than_it_needs(rate: float, used: float) -> None:
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    rows = rows_of(maker, [inertial((n + 1) * STEP_S + k / rate) for k in range(rate)])
+    assert len(rows) == pytest.approx(used, abs=2)
+    assert maker.decimated == rate - len(rows)
+
+
 def test_the_fastest_inertial_stream_is_used() -> None:
     maker = RowMaker(aircraft())
     maker.take(velocity(0.0))
