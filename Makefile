@@ -84,6 +84,22 @@ blind: setup
 campaign: setup
 	@$(BIN)/python -m tests.blind.campaign $(BENCH)
 
+# Listening as its users run it, in real time and at ten times the rate, then hours of flight as fast
+# as they go: HOURS=1 for the bench, ten for the soak, which goes on where it was stopped.
+HOURS ?= 1
+bench-live: setup
+	@$(BIN)/python tests/benchmarks/bench_live.py $(BENCH)
+	@rm -rf out/bench-live
+	@$(BIN)/python tests/benchmarks/soak_live.py --hours $(HOURS) --out out/bench-live $(BENCH)
+
+soak: HOURS = 10
+soak: setup
+	@$(BIN)/python tests/benchmarks/soak_live.py --hours $(HOURS) --out out/soak
+
+# A recorded flight played to the link at its own timing, against the same file identified.
+same-model: setup
+	@$(BIN)/python tests/benchmarks/same_model.py $(LOG) $(AIRCRAFT) --out out/same-model
+
 # Coverage-guided: damaged logs of every format, for so many seconds each.
 FUZZ_SECONDS ?= 60
 fuzz: setup

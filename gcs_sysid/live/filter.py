@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -50,33 +51,6 @@ _KEPT = slice(BLOCKS["wind"].start, SIZE)
 """What a hole in the data does not change: wind and sensor errors."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """State at one inertial sample, from everything up to it.
-
-    Attributes:
-        row: what it was updated with.
-        attitude: quaternion, body to NED.
-        rest: additive state.
-        deviation: one standard deviation of the error state.
-        flow: true airspeed [m/s], angle of attack, sideslip [rad] at the centre of gravity.
-        flow_covariance: of the three.
-        rate: angular rate, sensor errors off [rad/s].
-        force: specific force at the inertial unit, sensor errors off [m/s²].
-        nis: normalised innovation squared of each group of measurements that is new in the row.
-    """
-
-    row: Row
-    attitude: Float[np.ndarray, " four"]
-    rest: Float[np.ndarray, " state"]
-    deviation: Float[np.ndarray, " state"]
-    flow: Float[np.ndarray, " three"]
-    flow_covariance: Float[np.ndarray, "three three"]
-    rate: Float[np.ndarray, " axis"]
-    force: Float[np.ndarray, " axis"]
-    nis: Float[np.ndarray, " group"]
-
-
 @jax.jit
 def _described(
     state: State,
@@ -88,6 +62,58 @@ def _described(
     sensitivity = flow_sensitivity(state, imu, reference)
     spread = sensitivity @ covariance @ sensitivity.T
     return flow(state, imu, reference), spread, corrected(imu, state.rest)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """State at one inertial sample, from everything up to it.
+
+    Attributes:
+        row: what it was updated with.
+        attitude: quaternion, body to NED.
+        rest: additive state.
+        covariance: of the error state.
+        reference: centre of gravity from the inertial unit [m].
+        nis: normalised innovation squared of each group of measurements that is new in the row.
+    """
+
+    row: Row
+    attitude: Float[np.ndarray, " four"]
+    rest: Float[np.ndarray, " state"]
+    covariance: Float[np.ndarray, "state state"]
+    reference: Float[np.ndarray, " axis"]
+    nis: Float[np.ndarray, " group"]
+
+    @property
+    def deviation(self) -> Float[np.ndarray, " state"]:
+        """One standard deviation of the error state."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
+    @property
+    def flow(self) -> Float[np.ndarray, " three"]:
+        """True airspeed [m/s], angle of attack, sideslip [rad] at the centre of gravity."""
+        return np.asarray(self._described[0])
+
+    @property
+    def flow_covariance(self) -> Float[np.ndarray, "three three"]:
+        """Of the three."""
+        return np.asarray(self._described[1])
+
+    @property
+    def rate(self) -> Float[np.ndarray, " axis"]:
+        """Angular rate, sensor errors off [rad/s]."""
+        return np.asarray(self._described[2].gyro)
+
+    @property
+    def force(self) -> Float[np.ndarray, " axis"]:
+        """Specific force at the inertial unit, sensor errors off [m/s²]."""
+        return np.asarray(self._described[2].accelerometer)
+
+    @cached_property
+    def _described(self) -> tuple[Array, Array, Imu]:
+        # Not for every update: half of them are followed by one of the same moment.
+        state = State(self.attitude, self.rest)
+        return _described(state, self.covariance, self.row.after, self.reference)
 
 
 class LiveFilter:
@@ -207,17 +233,13 @@ class LiveFilter:
             return self._lost()
         intensities.take(running, row.new, row.step, again=row.again)
         running.noise = intensities.noise
-        seen, spread, imu = _described(running.state, running.P, row.after, self._reference)
         return [
             Estimate(
                 row=row,
                 attitude=running.attitude,
                 rest=running.x,
-                deviation=np.sqrt(np.maximum(np.diagonal(running.P), 0.0)),
-                flow=np.asarray(seen),
-                flow_covariance=np.asarray(spread),
-                rate=np.asarray(imu.gyro),
-                force=np.asarray(imu.accelerometer),
+                covariance=running.P,
+                reference=self._reference,
                 nis=np.where(row.new, running.nis, 0.0),
             )
         ]

@@ -31,10 +31,12 @@ from gcs_sysid.sources.sender import Sender
 from gcs_sysid.sources.signing import Signatures, load_key
 
 RECORDING, LIVE = "recording.tlog", "live.json"
+FLOWN = "aircraft-flown.toml"
+"""The aircraft file as it was when listening began: whoever edits it meanwhile changes nothing."""
 QUIET_S = 10.0
-SWITCH_S = 0.0005
-"""The thread that reads the link waits no longer for its turn; Python's own is ten times that, and
-at thousands of datagrams a second the system's buffer would overflow."""
+SWITCH_S = 0.0001
+"""The thread that reads the link waits no longer for its turn; with Python's own fifty times that
+the system's buffer overflows at thousands of datagrams a second."""
 
 _LOG = logging.getLogger(__name__)
 _CLOCK = Clock()

@@ -11,7 +11,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, runtime_checkable
@@ -35,6 +35,8 @@ _RECEIVING = 4 << 20
 _PATIENCE_S = 0.2
 _FAREWELL_S = 3.0
 _OUTBOX = 64
+_AT_ONCE = 256
+"""Datagrams read without asking again whether there are any: asking costs as much as reading."""
 
 
 def is_link(address: str) -> bool:
@@ -108,6 +110,23 @@ class Link(Closing):
             # Where there was nothing to read, pymavlink returns an empty text.
             data = self._port.recv(_LARGEST_READ)
             return data if isinstance(data, bytes) else b""
+        except OSError as error:
+            raise _broken(self.address, error) from error
+
+    def waiting(self) -> Iterator[bytes]:
+        """Datagrams that wait already; nothing of links that have none.
+
+        Raises:
+            SourceError: the link is broken.
+        """
+        if not isinstance(self._port, mavutil.mavudp):
+            return
+        try:
+            for _ in range(_AT_ONCE):
+                data = self._port.recv(_LARGEST_READ)
+                if not isinstance(data, bytes) or not data:
+                    return
+                yield data
         except OSError as error:
             raise _broken(self.address, error) from error
 
@@ -284,6 +303,15 @@ class StampedLink(Protocol):
         ...
 
 
+@runtime_checkable
+class DatagramLink(AnyLink, Protocol):
+    """A link that says what waits already without waiting for more."""
+
+    def waiting(self) -> Iterator[bytes]:
+        """Pieces that wait."""
+        ...
+
+
 def bytes_per_second(address: str) -> float | None:
     """What a serial device carries, ten bits a byte; None for links whose width is not known."""
     if address.startswith(SCHEMES):
@@ -333,6 +361,7 @@ class LinkReader(Closing):
         self._clock_us = clock_us
         self._number = number
         self._stamped = link if isinstance(link, StampedLink) else None
+        self._datagrams = link if isinstance(link, DatagramLink) else None
         self._stop = threading.Event()
         self._outbox: deque[bytes] = deque(maxlen=_OUTBOX)
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
@@ -369,4 +398,9 @@ class LinkReader(Closing):
         if self._stamped is not None:
             return self._stamped.stamped(_PATIENCE_S)
         data = self._link.read(_PATIENCE_S)
-        return [(data, self._clock_us())] if data else []
+        if not data:
+            return []
+        first = [(data, self._clock_us())]
+        if self._datagrams is None:
+            return first
+        return first + [(more, self._clock_us()) for more in self._datagrams.waiting()]

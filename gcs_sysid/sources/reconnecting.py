@@ -8,7 +8,7 @@ from collections.abc import Callable
 from gcs_sysid.errors import SourceError
 from gcs_sysid.sources.can.tunnel import SCHEME as BUS_SCHEME
 from gcs_sysid.sources.closing import Closing
-from gcs_sysid.sources.link import AnyLink, is_link, open_link
+from gcs_sysid.sources.link import AnyLink, DatagramLink, is_link, open_link
 
 AGAIN_S = 1.0
 """A broken link is tried so often."""
@@ -55,6 +55,17 @@ class ReconnectingLink(Closing):
         except SourceError as error:
             self._lost(link, error)
             return b""
+
+    def waiting(self) -> list[bytes]:
+        """Pieces that wait already; none of links that do not say, or while it is broken."""
+        link = self._link
+        found: list[bytes] = []
+        if isinstance(link, DatagramLink):
+            try:
+                found.extend(link.waiting())
+            except SourceError as error:
+                self._lost(link, error)
+        return found
 
     def write(self, data: bytes) -> None:
         """Sends bytes; while the link is broken they are lost, as on a radio."""

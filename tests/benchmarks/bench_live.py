@@ -149,7 +149,7 @@ def at_ten_times(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
         (f"frames missing of {len(sent)} at {TIMES} times the rate", "0", str(lost)),
         ("the rest as it was sent", "yes", "yes" if kept == sent else "no"),
         ("inertial samples left out there", "said", str(last["counts"]["decimated"])),
-        ("packet to update there, p50", "said", f"{packet['p50_ms']:.1f} ms"),
+        ("packet to update there, p50", "said", f"{packet['p50_ms'] or float('inf'):.0f} ms"),
     ]
 
 

@@ -90,6 +90,33 @@ def test_a_flight_that_cannot_be_identified_is_kept_and_says_why(
     assert (out / "recording.tlog").is_file()
 
 
+@pytest.mark.parametrize("what", ["edited", "vanished"])
+def test_an_aircraft_file_that_changes_meanwhile_changes_nothing(
+    what, tmp_path, capsys, monkeypatch
+):
+    mine, out = tmp_path / "mine.toml", tmp_path / "out"
+    mine.write_bytes(Path(AIRCRAFT).read_bytes())
+
+    def run(_link, _aircraft, _options, *, out: Path, **_rest) -> Ending:
+        mine.unlink() if what == "vanished" else mine.write_text("mass = 'heavy'")
+        (out / "recording.tlog").write_bytes(b"frames")
+        return Ending("quiet", {"vehicle": 1}, out / "recording.tlog")
+
+    used: list[Path] = []
+
+    def identified(_ending, aircraft: Path, **_rest) -> dict:
+        used.append(aircraft)
+        raise RefusedError("recording.tlog", "never flew", fix="fly")
+
+    monkeypatch.setattr(listen, "run", run)
+    monkeypatch.setattr(listen, "identified", identified)
+    arguments = ["listen", "udp:127.0.0.1:1", "--aircraft", str(mine), "--no-dashboard"]
+    assert entry.main([*arguments, "--out", str(out)]) == 1
+    assert "never flew" in capsys.readouterr().err
+    assert used == [out / "aircraft-flown.toml"]
+    assert used[0].read_bytes() == Path(AIRCRAFT).read_bytes()
+
+
 def test_signals_ask_to_stop_and_are_put_back():
     before = signal.getsignal(signal.SIGTERM)
     with command._stopping() as stopped:

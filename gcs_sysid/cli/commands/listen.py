@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from gcs_sysid.errors import InputError
 
 WRITES = (
     *("model", "summary.json", "samples.parquet", "report.html", "live.json"),
-    "live-model.npz",
+    *("live-model.npz", "aircraft-flown.toml"),
 )
 
 
@@ -102,6 +103,7 @@ def command(
     loaded = listen.load(aircraft)
     with output.folder(chosen, Path(link), "listen", WRITES) as destination:
         with (
+            _kept(aircraft, destination) as flown,
             _dashboard(destination, wanted=dashboard),
             _stopping() as stopped,
             live_view.opened(to_stderr=as_json) as show,
@@ -126,7 +128,7 @@ def command(
             )
         live_view.say(f"{_why(ending)}; recorded to {ending.recording}", to_stderr=as_json)
         with output.progress(f"identify {ending.recording.name}") as progress:
-            summary = _identified(ending, aircraft, prior, vehicle, destination, progress)
+            summary = _identified(ending, flown, prior, vehicle, destination, progress)
         text = reports.write("identify", summary, destination / "samples.parquet")
     output.show(summary, text, as_json=as_json)
 
@@ -161,6 +163,20 @@ def _identified(
             f"recorded, but not identified: {error.what}",
             fix=error.fix,
         ) from error
+
+
+@contextmanager
+def _kept(aircraft: Path, folder: Path) -> Generator[Path, None, None]:
+    """The aircraft file as it is now, kept beside the recording; gone where there is none."""
+    from gcs_sysid.live import listen
+
+    flown = folder / listen.FLOWN
+    shutil.copyfile(aircraft, flown)
+    try:
+        yield flown
+    finally:
+        if not (folder / listen.RECORDING).exists():
+            flown.unlink(missing_ok=True)
 
 
 @contextmanager
