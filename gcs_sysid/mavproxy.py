@@ -22,10 +22,13 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module, mp_settings
 
 from gcs_sysid.cli import live_view
+from gcs_sysid.live.legs import Leg, Legs
 
 COMMANDS = ("status", "start", "stop", "suggest", "diagnose", "report")
 _LOCAL = "127.0.0.1"
 _FAREWELL_S = 2.0
+_LAYER = "sysid"
+_GREEN, _AMBER = (0, 200, 80), (255, 160, 0)
 _QUIET_S = 3600.0
 """The flight ends when its user says so, not when the vehicle is out of reach."""
 
@@ -104,9 +107,14 @@ class SysidModule(mp_module.MPModule):
         self._port = 0
         self._out: Path | None = None
         self._phase = ""
+        self._place: tuple[float, float] | None = None
+        self._flown: queue.SimpleQueue[Leg] = queue.SimpleQueue()
+        self._legs: Legs | None = None
 
     def mavlink_packet(self, packet: Any) -> None:
         """Hands a frame on; one that cannot go at once is lost to the listener, not to MAVProxy."""
+        if packet.get_type() == "GLOBAL_POSITION_INT":
+            self._place = (packet.lat * 1e-7, packet.lon * 1e-7)
         if self._port and packet.get_type() != "BAD_DATA":
             try:
                 self._socket.sendto(bytes(packet.get_msgbuf()), (_LOCAL, self._port))
@@ -124,13 +132,19 @@ class SysidModule(mp_module.MPModule):
             if listening and phase.split(" (")[0] != self._phase:
                 self._phase = phase.split(" (")[0]
                 self.say_line(phase)
+        while not self._flown.empty():
+            leg = self._flown.get()
+            self.say_line(leg.words)
+            self._mark(leg)
         if self._listening is not None and not self._listening.running:
             self._listening, self._port = None, 0
+            self._end_legs()
         self._jobs = [job for job in self._jobs if job.running]
 
     def unload(self) -> None:
         """Ends what was started; recordings stay."""
         self._port = 0
+        self._end_legs()
         for job in self._jobs:
             job.kill()
         self._socket.close()
@@ -146,6 +160,33 @@ class SysidModule(mp_module.MPModule):
             getattr(self, f"_{name}")(rest)
         else:
             self.say_line(f"usage: sysid <{'|'.join(COMMANDS)}|set>")
+
+    def _mark(self, leg: Leg) -> None:
+        """Draws a leg on every map that is open."""
+        maps = self.module_matching("map*")
+        if not maps or len(leg.track) < 2:
+            return
+        from MAVProxy.modules.mavproxy_map import mp_slipmap
+
+        colour = _GREEN if leg.done else _AMBER
+        for one in maps:
+            one.map.add_object(
+                mp_slipmap.SlipPolygon(
+                    f"sysid leg {leg.number}", list(leg.track), layer=_LAYER, linewidth=3,
+                    colour=colour, arrow=True, showcircles=False,
+                )
+            )  # fmt: skip
+            one.map.add_object(
+                mp_slipmap.SlipLabel(
+                    f"sysid label {leg.number}", leg.track[0], leg.words.partition(",")[0],
+                    layer=_LAYER, colour=colour,
+                )
+            )  # fmt: skip
+
+    def _end_legs(self) -> None:
+        if self._legs is not None:
+            self._legs.close()
+            self._legs = None
 
     def say_line(self, text: str) -> None:
         """A line on MAVProxy's console."""
@@ -169,6 +210,7 @@ class SysidModule(mp_module.MPModule):
         options += ["--prior", self.sysid_settings.prior, "--quiet-after", str(_QUIET_S)]
         self._listening = self._run(["listen", f"udpin:{_LOCAL}:{port}", *options])
         self._port = port
+        self._legs = Legs(self._out, lambda: self._place, self._flown)
         self.say_line(f"listens; {self._out}")
 
     def _stop(self, _words: list[str]) -> None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+import queue
 import socket
+import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from gcs_sysid.live.legs import Legs
 from gcs_sysid.sources.stream import FrameStream
 from tests.sitl import examples
 from tests.sitl.live.test_mavproxy import Console, console
@@ -71,6 +77,60 @@ def test_frames_are_handed_on_as_they_came(module):
     )
     loaded.unload()
     assert state.command_map == {}
+
+
+def test_a_leg_is_told_and_marked_on_the_map(module, tmp_path, monkeypatch):
+    """The thread sees maneuvers come and go; MAVProxy's thread only draws what it found."""
+    loaded, said, state = module
+    drawn = []
+    state.public_modules["map"] = SimpleNamespace(map=SimpleNamespace(add_object=drawn.append))
+    # What draws needs a window system; what is drawn is looked at.
+    slipmap = SimpleNamespace(
+        SlipPolygon=lambda key, points, **how: ("polygon", key, points, how["colour"]),
+        SlipLabel=lambda key, point, label, **_how: ("label", key, point, label),
+    )
+    package = importlib.import_module("MAVProxy.modules.mavproxy_map")
+    monkeypatch.setattr(package, "mp_slipmap", slipmap, raising=False)
+    monkeypatch.setitem(sys.modules, "MAVProxy.modules.mavproxy_map.mp_slipmap", slipmap)
+    legs = Legs(tmp_path, lambda: loaded._place, loaded._flown)
+    legs.close()
+    told = {"number": 1, "controls": ["elevator"], "seconds": 7.6, "learned": 0.95, "stop": "known"}
+    for step in range(3):
+        loaded.mavlink_packet(
+            SimpleNamespace(
+                get_type=lambda: "GLOBAL_POSITION_INT",
+                get_msgbuf=lambda: b"",
+                lat=450000000 + step,
+                lon=-930000000,
+            )
+        )
+        legs.look(told)
+    legs.look({**told, "number": 2, "learned": 0.2, "stop": ""})
+    legs.look(None)
+    assert drawn == [], "the other thread draws nothing"
+    loaded.idle_task()
+    assert said == [
+        "sysid: leg 1: elevator, 8 s, 95 % learned (known)",
+        "sysid: leg 2: elevator, 8 s, 20 % learned",
+    ]
+    track = [(45.0 + step * 1e-7, -93.0) for step in range(3)]
+    assert [one[:2] for one in drawn] == [("polygon", "sysid leg 1"), ("label", "sysid label 1")]
+    np.testing.assert_allclose(drawn[0][2], track, rtol=0.0, atol=1e-9)
+    assert drawn[1][2:] == (pytest.approx(track[0]), "leg 1: elevator")
+
+
+def test_legs_are_read_from_what_listening_writes(tmp_path):
+    flown = queue.SimpleQueue()
+    legs = Legs(tmp_path, lambda: (45.0, -93.0), flown)
+    path, until = tmp_path / "live.json", time.monotonic() + PATIENCE_S
+    told = {"number": 4, "controls": ["rudder"], "seconds": 1.0, "learned": 0.0, "stop": ""}
+    while flown.empty():
+        assert time.monotonic() < until
+        for text in ("{", json.dumps({"maneuver": told}), json.dumps({"maneuver": None})):
+            path.write_text(text)
+            time.sleep(0.7)
+    assert flown.get().number == 4
+    legs.close()
 
 
 @pytest.mark.slow
