@@ -7,6 +7,7 @@ send something else, the entry says so. Message types that are not listed carry 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -46,6 +47,11 @@ class Quantity:
     def read(self, fields: Fields) -> Float[np.ndarray, " sample"]:
         """The channel's values [SI], NaN where the field says "not measured"."""
         raw = fields[self.field]
+        if raw.shape == (1,):
+            # A message alone, as from a link: setting up arrays would cost ten times as much.
+            one = raw.item()
+            value = math.nan if one in self.unknown else self.scale * float(one) + self.offset
+            return np.array([value if math.isfinite(value) else math.nan])
         values = self.scale * raw.astype(np.float64) + self.offset
         for unknown in self.unknown:
             values[raw == unknown] = np.nan

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from pymavlink.dialects.v20 import all as dialect
 from gcs_sysid.recording import CHANNELS
 from gcs_sysid.sources import messages
 from gcs_sysid.sources.tlog import read
+
+ROOT = Path(__file__).resolve().parents[2]
 
 SI: dict[str, float] = {
     "mG": 9.80665e-3,
@@ -267,3 +270,16 @@ def test_mode_and_arming(writer: type) -> None:
 
 def test_messages_without_channels(writer: type) -> None:
     assert one(writer, "MEMINFO", freemem=100) == {}
+
+
+def test_a_message_alone_says_what_it_says_among_others() -> None:
+    """From a link messages come one by one, from a log all of a type at once."""
+    tables = read((ROOT / "data/flights/demo.tlog").read_bytes()).tables
+    for key, table in tables.items():
+        together = messages.channels(key.name, table.fields)
+        for row in range(0, table.count, max(table.count // 20, 1)):
+            one = table.subset(np.array([row]))
+            alone = messages.channels(key.name, one.fields)
+            assert list(alone) == list(together)
+            for name, value in alone.items():
+                np.testing.assert_array_equal(value, together[name][[row]])
