@@ -19,6 +19,8 @@ LABELS = {
     "wind_east": "wind east",
     "wind_down": "wind down",
 }
+STALE_S = 3.0
+"""Values older than this are called old, as on the page."""
 BAND = 1.96
 """Standard deviations of the interval shown: 95 %."""
 
@@ -45,7 +47,7 @@ def say(text: str, *, to_stderr: bool) -> None:
 
 def line(document: Document) -> str:
     """The newest state, coefficients and counts in one line, intervals of 95 %."""
-    parts = [document["phase"]]
+    parts = [document["phase"], *_old(document)]
     state = document["state"]
     if state:
         parts += [_state(name, state[name]) for name in ("V", "alpha", "beta")]
@@ -64,6 +66,12 @@ def line(document: Document) -> str:
         parts.append(_vehicles(document))
     parts.append(_counts(document))
     return " | ".join(parts)
+
+
+def _old(document: Document) -> list[str]:
+    """That the values shown are old, if they are."""
+    age = document.get("state_age_s")
+    return [f"VALUES ARE {age:.0f} s OLD"] if age is not None and age > STALE_S else []
 
 
 def _state(name: str, item: Mapping[str, float]) -> str:
@@ -149,7 +157,7 @@ def table(document: Document) -> Any:
     from rich.text import Text
 
     head = Text(f"{document['aircraft']}  {document['link']}  {document['phase']}", style="bold")
-    pieces: list[Any] = [head]
+    pieces: list[Any] = [head, *(Text(words, style="bold red") for words in _old(document))]
     if document["state"]:
         pieces.append(
             Text(

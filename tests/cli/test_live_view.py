@@ -121,6 +121,13 @@ def test_alarms_causes_the_maneuver_and_what_to_fly_are_told() -> None:
     assert "fly next: rudder doublets (for Cn_rhat)" in table
 
 
+@pytest.mark.parametrize(("age", "old"), [(None, False), (0.1, False), (4.4, True)])
+def test_old_values_are_called_old(age: float | None, old: bool) -> None:
+    told = document(state_age_s=age)
+    for text in (live_view.line(told), shown(told)):
+        assert ("VALUES ARE 4 s OLD" in text) == old
+
+
 def test_another_vehicle_is_named_with_the_way_to_choose_it():
     two = document(other_vehicles=[7])
     for text in (shown(two), live_view.line(two)):
