@@ -330,3 +330,18 @@ def test_pages_that_follow_are_let_go_without_a_word(tmp_path: Path) -> None:
     out, err = process.communicate(timeout=PATIENCE_S)
     connection.close()
     assert out == err == ""
+
+
+def test_a_terminal_shows_the_folder_until_the_flight_has_ended(tmp_path: Path) -> None:
+    write(tmp_path, live())
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gcs_sysid", "dashboard", str(tmp_path), "--terminal"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("flying | airspeed 21.3")
+    write(tmp_path, live(phase="ended: quiet"))
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    assert out.startswith("ended: quiet | airspeed 21.3")
+    assert process.returncode == 0
