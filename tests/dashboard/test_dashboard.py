@@ -333,7 +333,10 @@ def test_pages_that_follow_are_let_go_without_a_word(tmp_path: Path) -> None:
 
 
 def test_a_terminal_shows_the_folder_until_the_flight_has_ended(tmp_path: Path) -> None:
-    write(tmp_path, live())
+    names = ("alpha", "beta", "wind_north", "wind_east", "wind_down")
+    state = {name: {"value": 0.1, "sd": 0.01, "unit": ""} for name in names}
+    state["V"] = {"value": 21.34, "sd": 0.5, "unit": "m/s"}
+    write(tmp_path, live(state=state))
     process = subprocess.Popen(
         [sys.executable, "-m", "gcs_sysid", "dashboard", str(tmp_path), "--terminal"],
         stdout=subprocess.PIPE,
@@ -341,7 +344,7 @@ def test_a_terminal_shows_the_folder_until_the_flight_has_ended(tmp_path: Path) 
     )
     assert process.stdout is not None
     assert process.stdout.readline().startswith("flying | airspeed 21.3")
-    write(tmp_path, live(phase="ended: quiet"))
+    write(tmp_path, live(phase="ended: quiet", state=state))
     out, _ = process.communicate(timeout=PATIENCE_S)
     assert out.startswith("ended: quiet | airspeed 21.3")
     assert process.returncode == 0
