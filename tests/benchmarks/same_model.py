@@ -66,16 +66,19 @@ if __name__ == "__main__":
     parser.add_argument("flight", type=Path)
     parser.add_argument("aircraft", type=Path)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--again", action="store_true", help="compare what --out holds, only")
+    parser.add_argument("--save", action="store_true", help="keep the table for the README")
     given = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    shutil.rmtree(given.out, ignore_errors=True)
     live, file = given.out / "live", given.out / "file"
-    live.mkdir(parents=True)
-    heard(given.flight, given.aircraft, live)
-    words = ["--aircraft", str(given.aircraft), "--out", str(file)]
-    subprocess.run(
-        program("identify", str(given.flight), *words), check=True, stdout=subprocess.DEVNULL
-    )
+    if not given.again:
+        shutil.rmtree(given.out, ignore_errors=True)
+        live.mkdir(parents=True)
+        heard(given.flight, given.aircraft, live)
+        words = ["--aircraft", str(given.aircraft), "--out", str(file)]
+        subprocess.run(
+            program("identify", str(given.flight), *words), check=True, stdout=subprocess.DEVNULL
+        )
     kept, whole = (
         [frame for _, frame in tlog.frames(path.read_bytes())]
         for path in (live / "recording.tlog", given.flight)
