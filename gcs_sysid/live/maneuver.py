@@ -87,7 +87,8 @@ class ManeuverWatch:
         known = solved()
         running.learned.append((self._time, _share(self._gauge(running, known))))
         if self._time - running.last > QUIET_S:
-            self.past.append(self._told(running, known))
+            told = self._told(running, known)
+            self.past.append({name: value for name, value in told.items() if name != "gauge"})
             self._running = None
 
     def document(self, known: Known, epoch_us: int | None) -> dict[str, Any] | None:
@@ -97,7 +98,7 @@ class ManeuverWatch:
         return _stamped(self._told(self._running, known), epoch_us)
 
     def legs(self, epoch_us: int | None) -> list[dict[str, Any]]:
-        """Maneuvers flown, oldest first."""
+        """Maneuvers flown, oldest first, without their gauges: the document stays small."""
         return [_stamped(one, epoch_us) for one in self.past]
 
     def _moving(self, samples: Samples, kept: slice, span: float) -> list[str]:
