@@ -26,8 +26,16 @@ from gcs_sysid.live.regression import Solution
 TOLD = 3.0
 """Log Bayes factor from which a cause is told: twenty to one."""
 MOST = 3
+LEAST = 0.02
+"""And from which probability, among all that were looked for."""
 MATTERS = 0.2
 """And from which share of its usual size: a small one may be sure, and is no cause."""
+FARTHEST = 3.0
+"""And up to how many times its usual size: what needs more is something else in its disguise, such
+as slopes that noise of the flow pulls toward zero."""
+LEFT = 2.0
+"""And where no more than this many times the expected square of the differences is left: what a
+cause does not explain is not its doing."""
 RATES = frozenset({"phat", "qhat", "rhat", "alphadot_hat"})
 
 Direction = Mapping[tuple[str, str], float]
@@ -90,9 +98,25 @@ def likely(aircraft: Aircraft, found: Mapping[str, Solution]) -> list[Likely]:
     told = [
         Likely(suspect, float(share[index + 1]), log_bayes, size, deviation)
         for index, (suspect, log_bayes, size, deviation) in enumerate(judged)
-        if log_bayes > TOLD and abs(size) > MATTERS * suspect.sigma
+        if log_bayes > TOLD
+        and share[index + 1] >= LEAST
+        and MATTERS * suspect.sigma < abs(size) <= FARTHEST * suspect.sigma
+        and explained(parts, suspect, size)
     ]
     return sorted(told, key=lambda one: -one.log_bayes_factor)[:MOST]
+
+
+def explained(parts: Mapping[str, _Part], suspect: Suspect, size: float) -> bool:
+    """Whether the coefficients that a cause moves are as the file has them, but for that cause."""
+    square, count = 0.0, 0
+    for name, part in parts.items():
+        moved = np.array([suspect.moves.get((name, key), 0.0) for key in part.keys])
+        if not moved.any():
+            continue
+        left = part.apart - size * moved
+        square += float(left @ part.information @ left)
+        count += len(part.keys)
+    return square <= LEFT * count
 
 
 def suspects(aircraft: Aircraft) -> Iterator[Suspect]:
