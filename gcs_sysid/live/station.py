@@ -33,6 +33,7 @@ WAITING = 20_000
 """Samples that may wait for the filter: a minute's; older ones are left out and counted."""
 LOST_S = 4.0
 """What is older is not filtered any more: the state shown must be that of now."""
+TAUGHT_S = 1.0
 KEEP = ((1.0, 1), (2.5, 2), (3.0, 4), (3.5, 8), (math.inf, 16))
 """One in so many inertial samples is used when the filter is less than so late [s]."""
 
@@ -91,6 +92,8 @@ class Station:
         self.samples: Samples | None = None
         self.updates = 0
         self.skipped = 0
+        self._taught: dict[str, dict[str, TermEstimate]] = {}
+        self._taught_at = -math.inf
         self._clock_us = clock_us
         self._observer = observer
         self._waiting: deque[Sample] = deque()
@@ -197,8 +200,15 @@ class Station:
                 self._observer(samples)
 
     def taught(self) -> dict[str, dict[str, TermEstimate]]:
-        """What this flight alone says of the derivatives, whatever the file believes."""
-        return {name: one.terms() for name, one in self.model.solutions(believing=False).items()}
+        """What this flight alone says of the derivatives, whatever the file believes.
+
+        Solved once a second of flight: the gauge of a maneuver asks three times as often.
+        """
+        now = -math.inf if self.newest is None else self.newest.row.time
+        if not self._taught or now - self._taught_at >= TAUGHT_S:
+            found = self.model.solutions(believing=False)
+            self._taught, self._taught_at = {n: one.terms() for n, one in found.items()}, now
+        return self._taught
 
     def phase(self) -> str:
         """What is going on, in a few words."""
