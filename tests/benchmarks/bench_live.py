@@ -122,6 +122,8 @@ def in_real_time(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
         ("start to first estimate, code compiled before", "10 s", f"{first:.1f} s"),
         ("of one core", "40 %", f"{100 * used:.0f} %"),
         ("resident memory, largest", "600 MB", f"{memory:.0f} MB"),
+        # Feeder and listener are one and a half of it; more is others' work, which slows both.
+        ("load of the machine meanwhile", "1.5", f"{os.getloadavg()[0]:.1f} on {os.cpu_count()}"),
         ("inertial samples left out, at the start too", "said", str(counts["decimated"])),
     ]
 
