@@ -254,15 +254,18 @@ def most_controlled(flight: Flight, count: int) -> Flight:
 
     The one with the greatest product of the controls' shares of movement, so that none is left out.
     """
-    if flight.rows.step.shape[0] <= count:
-        return flight
+    return flight if flight.rows.step.shape[0] <= count else cut(flight, busiest(flight, count))
+
+
+def busiest(flight: Flight, count: int) -> slice:
+    """Where the controls of a flight move most for `count` rows."""
     moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
     moved[0] = 0.0
     moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
     sums = np.cumsum(moved, axis=0)
     share = (sums[count:] - sums[:-count]) / np.maximum(sums[-1], 1e-12)
     start = int(np.argmax(np.sum(np.log(np.maximum(share, 1e-6)), axis=1)))
-    return cut(flight, slice(start, start + count))
+    return slice(start, start + count)
 
 
 def cut(flight: Flight, rows: slice) -> Flight:

@@ -28,8 +28,9 @@ from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
-from gcs_sysid.model import air, rigid_body, runge_kutta
+from gcs_sysid.model import air, departures, rigid_body, runge_kutta
 from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.departures import Departures
 from gcs_sysid.model.kinematics import Measurements
 
 BLOCKS: dict[str, slice] = {
@@ -115,10 +116,17 @@ class Sensors(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Everything that the expected measurements depend on."""
+    """Everything that the expected measurements depend on.
+
+    Attributes:
+        aerodynamics: value of every term by coefficient and regressor key.
+        sensors: their errors.
+        departures: from the rest of the aircraft file; None where that is taken as it is.
+    """
 
     aerodynamics: Mapping[str, Mapping[str, Float[Array, ""]]]
     sensors: Sensors
+    departures: Departures | None = None
 
 
 class Noise(NamedTuple):
@@ -158,6 +166,7 @@ class Row(NamedTuple):
         step: length of the step [s]; 0 for the first row and for padding.
         controls: at the step's beginning, middle and end, in the aircraft's order [rad].
         control_slopes: change of `controls` per second of surface delay [rad/s].
+        control_changes: of `controls` with each of `Departures.actuators`.
         settings: of the engines, throttle or rpm, at the same three times.
         density: of the air [kg/m³].
         height: above the ground [m].
@@ -172,6 +181,7 @@ class Row(NamedTuple):
     step: Float[Array, "*sample"]
     controls: Float[Array, "*sample three control"]
     control_slopes: Float[Array, "*sample three control"]
+    control_changes: Float[Array, "*sample three control change"]
     settings: Float[Array, "*sample three engine"]
     density: Float[Array, "*sample"]
     height: Float[Array, "*sample"]
@@ -239,12 +249,17 @@ def _inputs(
     values = rigid_body.parameters(aircraft)._replace(aerodynamics=means.aerodynamics)
     late = means.sensors.surface_delay
     deflections = row.controls[when] + late * row.control_slopes[when]
+    wind, by = state.air.wind, means.departures
+    if by is not None:
+        values = departures.body(values, by)
+        deflections = deflections + by.offset + row.control_changes[when] @ by.actuators
+        wind = departures.sheared(wind, by, row.height)
     position = jnp.stack([jnp.zeros_like(row.height), jnp.zeros_like(row.height), -row.height])
     motion = rigid_body.State(position, state.velocity, state.attitude, state.rate)
     acting = rigid_body.Inputs(
         controls=dict(zip(aircraft.control_names, deflections, strict=True)),
         settings=row.settings[when],
-        wind=state.air.wind + state.air.gust,
+        wind=wind + state.air.gust,
         gust_rate=frames.unrotate(state.attitude, state.air.spin),
         density=row.density,
     )
@@ -271,6 +286,13 @@ def _change(
     change = jax.tree.map(lambda part: part[-1], changes)
     ahead = frames.rotate(state.attitude, jnp.pad(state.push, (0, 2)))
     return change._replace(velocity=change.velocity + ahead), rate
+
+
+def flow(
+    aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
+) -> dict[str, Float[Array, ""]]:
+    """What the coefficients are a function of, by name; `when` as for `jacobian`."""
+    return rigid_body.flow(aircraft, *_inputs(aircraft, means, state, row, when))
 
 
 def _slope(
@@ -313,14 +335,22 @@ def advance(
 
 def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " row"]:
     """Measured minus expected; rows of absent sensors are meaningless."""
-    errors = means.sensors
-    centre = np.array(aircraft.mass.cg)
+    errors, by = means.sensors, means.departures
+    centre = departures.centre(aircraft, by)
     change, rate = _change(aircraft, means, state, row, 2)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     force = frames.unrotate(state.attitude, change.velocity - gravity)
-    unit = jnp.asarray(np.array(aircraft.imu.position) - centre)
+    unit = jnp.asarray(np.array(aircraft.imu.position)) - centre
+    wind, sensed, source = state.air.wind, rate, state.attitude_error
+    if by is not None:
+        unit = unit + by.imu_position
+        wind = departures.sheared(wind, by, row.height)
+        source = source.at[2].add(by.heading)
     turning = frames.cross(rate, frames.cross(rate, unit))
     felt = force + frames.cross(change.rate, unit) + turning
+    if by is not None:
+        felt = departures.turned(felt, by)
+        sensed = departures.turned(rate, by) * (1.0 + by.gyro_scale)
 
     def shifted(group: int, delay: Float[Array, ""]) -> State:
         by = row.measured.age[group] - delay
@@ -329,21 +359,20 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
             velocity=state.velocity + by * change.velocity,
         )
 
-    def flow(at: State, lever: Float[np.ndarray, " axis"]) -> tuple[Array, Array, Array]:
-        through = frames.unrotate(at.attitude, at.velocity - at.air.wind - at.air.gust)
-        return frames.flow_angles(through + frames.cross(rate, jnp.asarray(lever)))
+    def flow(at: State, place: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+        through = frames.unrotate(at.attitude, at.velocity - wind - at.air.gust)
+        lever = jnp.asarray(np.array(place)) - centre
+        return frames.flow_angles(through + frames.cross(rate, lever))
 
-    speed, _, _ = flow(
-        shifted(0, errors.airspeed_delay), np.array(aircraft.pitot.position) - centre
-    )
+    speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
-    expected = frames.multiply(frames.exponential(state.attitude_error), turned)
+    expected = frames.multiply(frames.exponential(source), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
-    _, alpha, beta = flow(shifted(3, errors.vane_delay), np.array(vanes) - centre)
+    _, alpha, beta = flow(shifted(3, errors.vane_delay), vanes)
     return jnp.concatenate(
         [
-            row.gyro - rate - errors.gyro_bias,
+            row.gyro - sensed - errors.gyro_bias,
             row.accelerometer - felt - errors.accelerometer_bias,
             row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
             row.measured.velocity - tracked.velocity,
@@ -407,7 +436,7 @@ def process(
     return step / 6.0 * (late + 4.0 * middle + early)
 
 
-def _doubted(noise: Noise, row: Row) -> Noise:
+def doubted(noise: Noise, row: Row) -> Noise:
     """Intensities of a row's step."""
     return noise._replace(
         force=jnp.where(row.modelled, noise.force, UNBELIEVED),
@@ -431,17 +460,12 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
 
 
 def jacobian(
-    aircraft: Aircraft,
-    means: Means,
-    turbulence: Turbulence,
-    state: State,
-    row: Row,
-    when: Int[Array, ""] | int,
+    aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
 ) -> Float[Array, "state state"]:
-    """Rate of change of an error state with the error state.
+    """Rate of change of an error state with the error state, but for what decays by itself.
 
     Wind and gust act through the velocity through the air only, so that their columns are those of
-    the velocity over ground, and what decays by itself needs no differentiation.
+    the velocity over ground.
     """
     parts = ("attitude", "velocity", "rate", "spin")
 
@@ -463,8 +487,25 @@ def jacobian(
     turning = jnp.array([[still, -z, y], [z, still, -x], [-y, x, still]])
     matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
-    matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
-    return matrix.at[9:, 9:].set(_decay(turbulence))
+    return matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
+
+
+def half_transition(
+    mechanics: Float[Array, "state state"], turbulence: Turbulence, step: Float[Array, ""]
+) -> Float[Array, "state state"]:
+    """Transition over half a step: the exponential's series to the order of the scheme.
+
+    Args:
+        mechanics: the Jacobian in the middle of the step.
+        turbulence: how the air decays.
+        step: length of the whole step [s].
+    """
+    unit = jnp.eye(SIZE)
+    rates = 0.5 * step * mechanics.at[9:, 9:].set(_decay(turbulence))
+    half = unit + rates / 4.0
+    for order in (3.0, 2.0, 1.0):
+        half = unit + rates @ half / order
+    return half
 
 
 def _decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
@@ -510,9 +551,6 @@ def linearise(
 ) -> Linearised:
     """One row about a nominal flight.
 
-    The transition is the exponential's series to the order of the scheme, of the Jacobian in the
-    middle of the step, half a step at a time.
-
     Args:
         aircraft: what is looked up; its aerodynamic terms are those of `means`.
         means: derivatives and sensor errors.
@@ -522,18 +560,15 @@ def linearise(
         row: the sample.
     """
     middle = compose(before, 0.5 * difference(after, before))
-    unit = jnp.eye(SIZE)
-    rates = 0.5 * row.step * jacobian(aircraft, means, noise.turbulence, middle, row, 1)
-    half = unit + rates / 4.0
-    for order in (3.0, 2.0, 1.0):
-        half = unit + rates @ half / order
+    mechanics = jacobian(aircraft, means, middle, row, 1)
+    half = half_transition(mechanics, noise.turbulence, row.step)
     moved = advance(aircraft, means, noise.turbulence, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
         transition=half @ half,
         offset=difference(moved, after),
-        process=process(half, row.step, _doubted(noise, row)),
+        process=process(half, row.step, doubted(noise, row)),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

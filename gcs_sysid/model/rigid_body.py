@@ -32,6 +32,20 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aerodynamics, propulsion, runge_kutta
 
 
+class Thrust(NamedTuple):
+    """How the thrust departs from that of the aircraft file.
+
+    Attributes:
+        ratio: true over the file's.
+        drop: it acts this far lower [m].
+        tilt: it points up by this [rad].
+    """
+
+    ratio: Float[Array, ""] | float = 1.0
+    drop: Float[Array, ""] | float = 0.0
+    tilt: Float[Array, ""] | float = 0.0
+
+
 class Parameters(NamedTuple):
     """Numbers of an aircraft that a simulation depends on smoothly.
 
@@ -40,12 +54,14 @@ class Parameters(NamedTuple):
         inertia: about the centre of gravity [kg·m²].
         cg: centre of gravity from the airframe point [m].
         aerodynamics: value of every term by coefficient and regressor key.
+        thrust: departures from the thrust maps; None as the file has them.
     """
 
     mass: Float[Array, ""]
     inertia: Float[Array, "axis axis"]
     cg: Float[Array, " axis"]
     aerodynamics: Mapping[str, Mapping[str, Float[Array, ""]]]
+    thrust: Thrust | None = None
 
 
 class State(NamedTuple):
@@ -136,14 +152,29 @@ def _solved(
 def loads(aircraft: Aircraft, values: Parameters, state: State, inputs: Inputs) -> Loads:
     """Aerodynamic and propulsive force and moment; arguments as for `derivative`."""
     shape = aircraft.geometry
+    felt = flow(aircraft, values, state, inputs)
+    push, twist = _thrust(aircraft, values, felt["V"], inputs)
+    found = coefficients(aircraft, values, felt)
+    qbar = felt["qbar"]
+    lengths = jnp.array([shape.wing_span, shape.mean_chord, shape.wing_span])
+    force = qbar * shape.wing_area * found[:3]
+    about_point = qbar * shape.wing_area * lengths * found[3:]
+    return Loads(force + push, about_point - frames.cross(values.cg, force) + twist)
+
+
+def flow(
+    aircraft: Aircraft, values: Parameters, state: State, inputs: Inputs
+) -> dict[str, Float[Array, ""]]:
+    """What the coefficients are a function of, by name; arguments as for `derivative`."""
+    shape = aircraft.geometry
     speed, alpha, beta = frames.flow_angles(
         frames.unrotate(state.attitude, state.velocity - inputs.wind)
     )
     qbar = 0.5 * inputs.density * speed**2
-    push, twist = _thrust(aircraft, values, speed, inputs)
+    push, _ = _thrust(aircraft, values, speed, inputs)
     felt = state.rate - inputs.gust_rate
     half_span, half_chord = 0.5 * shape.wing_span / speed, 0.5 * shape.mean_chord / speed
-    flow = {
+    return {
         "alpha": alpha,
         "beta": beta,
         "phat": felt[0] * half_span,
@@ -158,11 +189,6 @@ def loads(aircraft: Aircraft, values: Parameters, state: State, inputs: Inputs) 
         "V": speed,
         **inputs.controls,
     }
-    found = coefficients(aircraft, values, flow)
-    lengths = jnp.array([shape.wing_span, shape.mean_chord, shape.wing_span])
-    force = qbar * shape.wing_area * found[:3]
-    about_point = qbar * shape.wing_area * lengths * found[3:]
-    return Loads(force + push, about_point - frames.cross(values.cg, force) + twist)
 
 
 def coefficients(
@@ -184,14 +210,27 @@ def _thrust(
     """Sum of thrusts [N], and their moment about the centre of gravity with torque [N·m]."""
     force, moment = jnp.zeros(3), jnp.zeros(3)
     for index, engine in enumerate(aircraft.propulsion):
-        axis = np.array(engine.axis) / np.linalg.norm(engine.axis)
+        axis = jnp.asarray(np.array(engine.axis) / np.linalg.norm(engine.axis))
+        place = jnp.asarray(np.array(engine.position))
+        ratio: Float[Array, ""] | float = 1.0
+        if values.thrust is not None:
+            ratio, drop, tilt = values.thrust
+            axis = _tilted_up(axis, tilt)
+            place = place.at[2].add(drop)
         setting = inputs.settings[index]
-        along = propulsion.static_thrust(engine, setting, speed, inputs.density) * axis
+        along = ratio * propulsion.static_thrust(engine, setting, speed, inputs.density) * axis
         torque = propulsion.static_torque(engine, setting, speed, inputs.density)
         force = force + along
-        lever = jnp.asarray(np.array(engine.position)) - values.cg
-        moment = moment + frames.cross(lever, along) + torque * axis
+        moment = moment + frames.cross(place - values.cg, along) + torque * axis
     return force, moment
+
+
+def _tilted_up(
+    axis: Float[Array, " axis"], tilt: Float[Array, ""] | float
+) -> Float[Array, " axis"]:
+    x, y, z = axis
+    cosine, sine = jnp.cos(tilt), jnp.sin(tilt)
+    return jnp.stack([x * cosine + z * sine, y, z * cosine - x * sine])
 
 
 def advance(

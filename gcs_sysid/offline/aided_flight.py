@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import jax
@@ -55,30 +55,50 @@ START_DEVIATION = np.array(
 """Of the first state, in the order of `aided.BLOCKS`."""
 
 
-def prepare(recording: Recording, aircraft: Aircraft, states: Reconstruction) -> Flight:
+def prepare(
+    recording: Recording,
+    aircraft: Aircraft,
+    states: Reconstruction,
+    others: Sequence[tuple[Aircraft, float]] = (),
+) -> Flight:
     """Rows of the aided filter on the inertial unit's clock, holes filled.
+
+    Without servo outputs the equations of motion are not to be believed anywhere: only the sensors
+    are left to each other.
 
     Args:
         recording: the telemetry, of which servo outputs and engines are read.
         aircraft: its controls and engines.
         states: the kinematic reconstruction: sensors on one clock, and a first guess.
+        others: the aircraft with one thing about its servos changed, and how much of it that is;
+            each makes one of `Row.control_changes`, per unit of it.
     """
     kept, time = _without_holes(states.time)
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
     moments = np.stack([before, 0.5 * (before + time), time], axis=1)
-    controls, slopes = _controls(recording, aircraft, moments)
+    told = SERVO_STREAM in recording.streams
+
+    def moved(one: Aircraft, late: float = 0.0) -> Float[np.ndarray, "row three control"]:
+        if not told:
+            return np.zeros((*moments.shape, len(one.control_names)))
+        return _controls(recording, one, moments, late)
+
+    controls = moved(aircraft)
+    slopes = (moved(aircraft, SLOPE_STEP) - moved(aircraft, -SLOPE_STEP)) / (2.0 * SLOPE_STEP)
+    changes = [(moved(other) - controls) / size for other, size in others]
     rows = Row(
         step=np.diff(time, prepend=time[:1]),
         controls=controls,
         control_slopes=slopes,
+        control_changes=np.stack(changes, axis=-1) if changes else np.zeros((*controls.shape, 0)),
         settings=_settings(recording, aircraft, moments),
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
-        modelled=np.ones(time.size, dtype=bool),
+        modelled=np.full(time.size, told),
         measured=_measured(data, kept, time.size),
     )
     nominal = _nominal(states, time)
@@ -271,20 +291,18 @@ def _measured(data: FlightData, kept: np.ndarray, count: int) -> Measurements:
 
 
 def _controls(
-    recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row three"]
-) -> tuple[Float[np.ndarray, "row three control"], Float[np.ndarray, "row three control"]]:
-    """Deflections, and their change per second of delay."""
+    recording: Recording,
+    aircraft: Aircraft,
+    moments: Float[np.ndarray, "row three"],
+    late: float,
+) -> Float[np.ndarray, "row three control"]:
+    """Deflections, with the servo stream later than stated by `late` [s]."""
     time, sent = pulses(recording.streams[SERVO_STREAM], control_channels(aircraft))
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     at = moments.ravel()
-
-    def moved(late: float) -> Float[np.ndarray, "row three control"]:
-        found = actuators.controls(aircraft, sent, time, at=at, extra_delay=stated + late)
-        each = [np.broadcast_to(np.asarray(found[name]), at.shape) for name in found]
-        return np.stack(each, axis=-1).reshape(*moments.shape, len(each))
-
-    change = (moved(SLOPE_STEP) - moved(-SLOPE_STEP)) / (2.0 * SLOPE_STEP)
-    return moved(0.0), change
+    found = actuators.controls(aircraft, sent, time, at=at, extra_delay=stated + late)
+    each = [np.broadcast_to(np.asarray(found[name]), at.shape) for name in found]
+    return np.stack(each, axis=-1).reshape(*moments.shape, len(each))
 
 
 def _settings(

@@ -27,11 +27,12 @@ from gcs_sysid.offline import (
     advice,
     documents,
     flight,
+    gust_diagnosis,
     maneuver_choice,
     summary,
     tested,
 )
-from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.identify import FLIGHT_IDS
 from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
@@ -41,6 +42,8 @@ SHORTEST = 15.0
 """Less flight [s] than this is not diagnosed."""
 LISTED = 12
 """Sets of causes that the document lists."""
+READING = 0.3
+"""Share of the time that reading and reconstruction take."""
 
 
 def run(
@@ -86,7 +89,7 @@ def run(
     for index, log in enumerate(read):
 
         def part(text: str, share: float, index: int = index) -> None:
-            progress(text, 0.8 * (index + share) / len(read))
+            progress(text, READING * (index + share) / len(read))
 
         chosen = segments if index < len(logs) else None
         one = flight.read(
@@ -101,8 +104,7 @@ def run(
         )
         numbered = tuple(replace(item, id=item.id + FLIGHT_IDS * index) for item in one.segments)
         flights.append(replace(one, segments=numbered))
-    progress("weighing the causes", 0.85)
-    document, table, better = _diagnosed(under, flights, apart=holdout is not None)
+    document, table, better = _diagnosed(under, flights, progress, apart=holdout is not None)
     documents.write_table(out / "residuals.parquet", table)
     aircraft_file.save(better, out / "aircraft-extended.toml")
     document["timing"] = {
@@ -144,7 +146,7 @@ def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tup
 
 
 def _diagnosed(
-    under: Tested, flights: Sequence[Flight], *, apart: bool
+    under: Tested, flights: Sequence[Flight], progress: Progress, *, apart: bool
 ) -> tuple[dict[str, Any], dict[str, np.ndarray], Aircraft]:
     """The document, the residuals sample by sample, and the extended aircraft."""
     absent = {name for one in flights for name in one.absent}
@@ -162,6 +164,16 @@ def _diagnosed(
     every = candidates(CAUSES, aircraft.control_names)
     credible = investigation.credible(fit.seen)
     trusted = credible and investigation.trusted(fit.seen)
+    notes: tuple[str, ...] = ()
+    if not trusted and all(SERVO_STREAM in one.recording.streams for one in flights):
+
+        def told(text: str, share: float) -> None:
+            progress(text, READING + (1.0 - READING) * share)
+
+        try:
+            return gust_diagnosis.diagnosed(under, aircraft, flights, told, apart=apart)
+        except RefusedError as lost:
+            notes = (str(lost),)
     fitted = investigation.investigate(fit.problems, every, fit.maneuvers, coefficients=trusted)
     final = fitted
     if not apart:
@@ -213,6 +225,7 @@ def _diagnosed(
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
         "warnings": [
+            *notes,
             *_warnings(flights, credible=credible, trusted=trusted),
             *(
                 f"{name} had to go {abs(bent):.1f} of its sigmas from the file: it is wrong, or "

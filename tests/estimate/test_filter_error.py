@@ -143,6 +143,7 @@ def empty(elevator: np.ndarray) -> Row:
         step=np.where(np.arange(COUNT) > 0, STEP, 0.0),
         controls=controls,
         control_slopes=np.zeros_like(controls),
+        control_changes=np.zeros((*controls.shape, 0)),
         settings=np.zeros((COUNT, 3, 0)),
         density=np.full(COUNT, 1.2),
         height=np.full(COUNT, 100.0),

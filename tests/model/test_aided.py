@@ -78,6 +78,7 @@ def row(step: float) -> Row:
         step=jnp.asarray(step),
         controls=jnp.full((3, 1), -0.03),
         control_slopes=jnp.zeros((3, 1)),
+        control_changes=jnp.zeros((3, 1, 0)),
         settings=jnp.zeros((3, 0)),
         density=jnp.asarray(1.2),
         height=jnp.asarray(100.0),

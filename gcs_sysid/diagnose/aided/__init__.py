@@ -1,0 +1,1 @@
+"""Causes weighed inside the aided filter: the engine of flights in gusts."""

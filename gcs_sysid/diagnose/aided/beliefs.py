@@ -1,0 +1,81 @@
+"""What is ordinarily wrong: beliefs about every parameter of the flight model before any cause.
+
+Ordinary errors are part of every hypothesis, so that what they can explain accuses nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.aircraft import Aircraft, StreamTiming
+
+SENSORS = {
+    "gyro_bias": float(np.radians(0.3)),
+    "accelerometer_bias": 0.1,
+    "vane_bias": float(np.radians(0.3)),
+    "vane_scale": 0.02,
+    "moment_lag": 0.01,
+    "airspeed_delay": 0.02,
+    "velocity_delay": 0.02,
+    "attitude_delay": 0.01,
+    "vane_delay": 0.001,
+}
+"""Ordinary errors of sensors and streams, SI and radians."""
+AIRSPEED_SCALE = 0.01
+SERVO_DELAY = 0.01
+"""Unless the aircraft file says otherwise [1, s]."""
+CG = 0.01
+"""Of a weighed centre of gravity [mean chords]."""
+RIGGING = float(np.radians(0.5))
+"""Of where a surface stands [rad]."""
+IMU_PLACE = 0.02
+"""Of where the inertial unit sits [m]."""
+IMU_TILT = float(np.radians(0.4))
+"""Of how it is mounted [rad]."""
+GYRO_SCALE = 0.003
+HEADING = 0.02
+"""Of a compass that was calibrated [rad]."""
+SHEAR = 0.003
+"""Of the wind over the heights of one flight [1/s]."""
+
+
+def ordinary(
+    names: Sequence[str], aircraft: Aircraft, *, vanes: bool
+) -> Float[np.ndarray, " parameter"]:
+    """One standard deviation of each parameter of the model; 0 for what only a cause frees.
+
+    Args:
+        names: of the parameters, as `quantities.names` gives them.
+        aircraft: what its file says.
+        vanes: whether flow vanes were recorded.
+    """
+    stated = aircraft.pitot.error.scale_sigma
+    servo = aircraft.streams.get("SERVO_OUTPUT_RAW", StreamTiming())
+    usual = {f"sensors.{name}": value for name, value in SENSORS.items()}
+    usual |= {
+        "sensors.airspeed_scale": AIRSPEED_SCALE if stated is None else stated,
+        "sensors.surface_delay": servo.sigma or SERVO_DELAY,
+        "departures.mass": aircraft.mass.mass_sigma,
+        "departures.inertia": aircraft.mass.inertia_sigma,
+        "departures.cg": CG * aircraft.geometry.mean_chord,
+        "departures.thrust": max((each.thrust_sigma for each in aircraft.propulsion), default=0.0),
+        "departures.offset": RIGGING,
+        "departures.imu_position": IMU_PLACE,
+        "departures.imu_tilt": IMU_TILT,
+        "departures.gyro_scale": GYRO_SCALE,
+        "departures.heading": HEADING,
+        "departures.shear": SHEAR,
+    }
+    found = np.zeros(len(names))
+    for index, name in enumerate(names):
+        kind, _, rest = name.partition(".")
+        if kind == "aerodynamics":
+            coefficient, _, key = rest.partition(".")
+            found[index] = aircraft.aerodynamics[coefficient].terms[key].sigma
+        elif vanes or ".vane_" not in name:
+            root = name if name in usual else name.rpartition(".")[0]
+            found[index] = usual.get(root, 0.0)
+    return found

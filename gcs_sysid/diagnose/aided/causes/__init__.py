@@ -1,0 +1,1 @@
+"""Every cause that can be named, one file each."""

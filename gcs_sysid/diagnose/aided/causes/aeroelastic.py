@@ -1,0 +1,14 @@
+"""A control loses its effect with dynamic pressure."""
+
+from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+
+CAUSE = Cause(
+    name="aeroelastic",
+    parameters=(
+        Parameter("loss", "aeroelastic.{about}", nominal=0.0, sigma=0.25, matters=0.2, unit="1"),
+    ),
+    explanation="the {about} changes its effect by {loss:+.2f} with each doubling of the dynamic "
+    "pressure: something bends",
+    shown_by="multisine on that control at three airspeeds",
+    about="control",
+)

@@ -1,0 +1,10 @@
+"""The steady wind grows with height."""
+
+from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+
+CAUSE = Cause(
+    name="wind_shear",
+    parameters=(Parameter("gradient", "shear", nominal=0.0, sigma=0.05, matters=0.05, unit="1/s"),),
+    explanation="the wind grows by {gradient:+.3f} m/s with each metre of height",
+    shown_by="climbs and descents on two headings",
+)

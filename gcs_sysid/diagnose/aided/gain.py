@@ -1,0 +1,35 @@
+"""How much better flights that took no part are foretold with causes in the simulation.
+
+log p(apart | fitted, hypothesis) = log p(apart and fitted) − log p(fitted): how probable what took
+no part is to one who knows what the fitted flights say, each hypothesis with all its uncertainty.
+No fit to what took no part comes into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs_sysid.diagnose.aided.cause import Candidate
+from gcs_sysid.diagnose.aided.evidence import Information, posterior
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
+
+
+def foretold(
+    fitted: Information, apart: Information, unknowns: Unknowns, causes: Sequence[Candidate]
+) -> float:
+    """Log predictive density of what took no part [nat], relative to the file taken as exact."""
+    sigma, mean = unknowns.freed(causes)
+    both = posterior(fitted.plus(apart), sigma, mean).log_evidence
+    return both - posterior(fitted, sigma, mean).log_evidence
+
+
+def gained(
+    fitted: Information, apart: Information, unknowns: Unknowns, causes: Sequence[Candidate]
+) -> float:
+    """What causes gain over none, per measurement that took no part [nat]; nan without any."""
+    if not apart.count:
+        return float(np.nan)
+    with_causes = foretold(fitted, apart, unknowns, causes)
+    return (with_causes - foretold(fitted, apart, unknowns, ())) / apart.count

@@ -1,0 +1,300 @@
+"""What causes set free, as directions in the parameters of the flight model.
+
+A quantity is a direction: by how much each parameter of the model moves for one unit of it. Most
+are one parameter each. What changes the aerodynamics is a combination of terms, of which those that
+the file does not have are added with the value 0: the effect of a control that grows with thrust or
+dynamic pressure, a lift slope lost beyond an angle, the ground's share of the lift.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid import regressors
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, Value
+from gcs_sysid.diagnose.aided.cause import Candidate, Cause
+from gcs_sysid.diagnose.aided.causes import actuator_rate_limit, stall
+from gcs_sysid.model import servo_changes
+from gcs_sysid.model.aided import Means
+
+WASH = 4.0
+"""Share of effectiveness that a unit of thrust coefficient adds at a gain of 1."""
+LAG, BACKLASH = 0.1, 0.025
+"""Sizes [s, rad] at which the effect of a lag or of play is taken: of the kind that matters."""
+KNOTS = (0.1, 0.3, 1.0)
+"""Heights over span between which the ground's influence is a line."""
+NEAR = 0.5
+"""Height over span below which a flight may show the ground's influence."""
+STREAMS: Mapping[str, tuple[str, ...]] = {
+    "SERVO_OUTPUT_RAW": ("sensors.surface_delay",),
+    "ATTITUDE": ("sensors.attitude_delay",),
+    "GLOBAL_POSITION_INT": ("sensors.velocity_delay",),
+    "VFR_HUD": ("sensors.airspeed_delay",),
+}
+"""Delays by the message that a stream comes in."""
+IMU_STREAM = "RAW_IMU"
+"""All else is early when this one is late."""
+Direction = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What of a flight decides which quantities there are.
+
+    Attributes:
+        qbar: dynamic pressures flown [Pa].
+        lowest: least height over span.
+        rates: fastest motion of each control, all but the extremes [rad/s].
+        vanes: whether flow vanes were recorded.
+    """
+
+    qbar: Float[np.ndarray, " sample"]
+    lowest: float
+    rates: Mapping[str, float]
+    vanes: bool
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """Directions by name, and the model that they are directions in.
+
+    Attributes:
+        aircraft: with every term that a direction needs.
+        servos: the aircraft with one thing about its servos changed, and how much that is; their
+            order is that of `Departures.actuators`.
+        directions: change of the model's parameters by quantity.
+        sizes: what shares refer to.
+        has: what there is of what causes need.
+    """
+
+    aircraft: Aircraft
+    servos: tuple[tuple[Aircraft, float], ...]
+    directions: Mapping[str, Direction]
+    sizes: Mapping[str, float]
+    has: frozenset[str]
+
+
+@dataclass
+class _Terms:
+    """The aircraft's aerodynamic terms, to which more are added."""
+
+    aircraft: Aircraft
+    added: dict[str, dict[str, Value]] = field(default_factory=dict)
+
+    def value(self, coefficient: str, key: str) -> float:
+        model = self.aircraft.aerodynamics.get(coefficient, CoefficientModel())
+        return model.terms[key].value if key in model.terms else 0.0
+
+    def name(self, coefficient: str, text: str) -> str:
+        """Of a term's parameter; the term is added where the file does not have it."""
+        key = regressors.parse(text, controls=self.aircraft.control_names).key
+        model = self.aircraft.aerodynamics.get(coefficient, CoefficientModel())
+        if key not in model.terms:
+            self.added.setdefault(coefficient, {})[key] = Value(0.0, 0.0)
+        return f"aerodynamics.{coefficient}.{key}"
+
+    def of(self, variable: str) -> Iterable[tuple[str, str, float]]:
+        """Coefficient, key and value of every term in a variable."""
+        controls = self.aircraft.control_names
+        for coefficient, model in self.aircraft.aerodynamics.items():
+            for key, item in model.terms.items():
+                factors = regressors.parse(key, controls=controls).factors
+                if variable in {factor.variable for factor in factors}:
+                    yield coefficient, key, item.value
+
+    def complete(self) -> Aircraft:
+        models = dict(self.aircraft.aerodynamics)
+        for coefficient, more in self.added.items():
+            old = models.get(coefficient, CoefficientModel())
+            models[coefficient] = replace(old, terms={**old.terms, **more})
+        return replace(self.aircraft, aerodynamics=models)
+
+
+def build(aircraft: Aircraft, flown: Flown) -> Quantities:
+    """Every quantity that an aircraft and a flight give sense to."""
+    terms = _Terms(aircraft)
+    found: dict[str, Direction] = {
+        "mass": {"departures.mass": 1.0},
+        "cg": {"departures.cg": aircraft.geometry.mean_chord},
+        "thrust": {"departures.thrust": 1.0},
+        "thrust_drop": {"departures.thrust_drop": 1.0},
+        "thrust_tilt": {"departures.thrust_tilt": 1.0},
+        "torque": {terms.name("Cl", "Tc"): 1.0},
+        "heading": {"departures.heading": 1.0},
+        "shear": {"departures.shear": 1.0},
+        "airspeed_scale": {"sensors.airspeed_scale": 1.0},
+        "airspeed_delay": {"sensors.airspeed_delay": 1.0},
+        "wash": _wash(terms),
+    }
+    for axis in range(3):
+        for name in ("inertia", "gyro_scale", "imu_tilt", "imu_position"):
+            found[f"{name}.{axis}"] = {f"departures.{name}.{axis}": 1.0}
+        found[f"accelerometer_bias.{axis}"] = {f"sensors.accelerometer_bias.{axis}": 1.0}
+    for axis in range(2):
+        found[f"vane_bias.{axis}"] = {f"sensors.vane_bias.{axis}": 1.0}
+    for coefficient, key in (
+        *(("CX", "1"), ("Cl", "1"), ("Cn", "1")),
+        *(("Cm", "beta"), ("Cl", "alpha")),
+    ):
+        found[f"term.{coefficient}.{key}"] = {terms.name(coefficient, key): 1.0}
+    for coefficient in COEFFICIENTS:
+        terms.name(coefficient, regressors.CONSTANT)
+    late = dict.fromkeys((name for names in STREAMS.values() for name in names), -1.0)
+    found[f"skew.{IMU_STREAM}"] = late
+    for stream, names in STREAMS.items():
+        found[f"skew.{stream}"] = dict.fromkeys(names, 1.0)
+    servos: list[tuple[Aircraft, float]] = []
+    for index, control in enumerate(aircraft.control_names):
+        own = list(terms.of(control))
+        found[f"offset.{control}"] = {f"departures.offset.{index}": 1.0}
+        found[f"effectiveness.{control}"] = {
+            f"aerodynamics.{coefficient}.{key}": value for coefficient, key, value in own
+        }
+        found[f"aeroelastic.{control}"] = _aeroelastic(terms, own, flown.qbar)
+        kinds = {
+            "lag": (servo_changes.lag(LAG), LAG),
+            "backlash": (servo_changes.backlash(BACKLASH), BACKLASH),
+            **{
+                f"rate_limit.{{}}.{share:.4g}": (
+                    servo_changes.rate_limit(share * max(flown.rates[control], 1e-3)),
+                    1.0,
+                )
+                for share in actuator_rate_limit.CAUSE.places
+            },
+        }
+        for kind, (change, size) in kinds.items():
+            name = kind.format(control) if "{}" in kind else f"{kind}.{control}"
+            found[name] = {f"departures.actuators.{len(servos)}": 1.0}
+            servos.append((servo_changes.changed(aircraft, control, change), size))
+    for coefficient, model in aircraft.aerodynamics.items():
+        for key, item in model.terms.items():
+            if key != regressors.CONSTANT and item.value != 0.0:
+                name = f"aerodynamics.{coefficient}.{key}"
+                found[f"derivative.{coefficient}.{key}"] = {name: item.value}
+    slope = terms.value("CZ", "alpha")
+    for knot in stall.CAUSE.places:
+        name = terms.name("CZ", f"max(0, alpha - {knot:.4g})")
+        found[f"stall.{knot:.4g}"] = {name: -slope}
+    has = {"engine"} if aircraft.propulsion else set()
+    has |= {"vanes"} if flown.vanes else set()
+    if flown.lowest < NEAR:
+        has.add("ground")
+        found |= _ground(terms)
+    sizes = {
+        "": 1.0,
+        "span": aircraft.geometry.wing_span,
+        "CX0": abs(terms.value("CX", "1")) or 0.03,
+        "Cm_alpha": abs(terms.value("Cm", "alpha")) or 0.5,
+        **{f"rate of {name}": value for name, value in flown.rates.items()},
+    }
+    return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has))
+
+
+def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:
+    """The control with the greatest slope in a coefficient."""
+    sizes = {
+        name: abs(terms.value(coefficient, name))
+        for name in terms.aircraft.control_names
+        if name != other_than
+    }
+    best = max(sizes, key=sizes.__getitem__, default=None)
+    return best if best is not None and sizes[best] > 0.0 else None
+
+
+def _wash(terms: _Terms) -> Direction:
+    """Effect of the tail, the controls for pitch and yaw, that grows with thrust."""
+    roll = _strongest(terms, "Cl")
+    tail = {_strongest(terms, "Cm"), _strongest(terms, "Cn", other_than=roll)} - {None}
+    return {
+        terms.name(coefficient, f"{key}*Tc"): WASH * value
+        for control in sorted(name for name in tail if name)
+        for coefficient, key, value in terms.of(control)
+    }
+
+
+def _aeroelastic(
+    terms: _Terms,
+    own: Iterable[tuple[str, str, float]],
+    qbar: Float[np.ndarray, " sample"],
+) -> Direction:
+    """1 + loss·log2(q̄/q̄ref) as a line in q̄ over the dynamic pressures flown."""
+    reference = float(np.median(qbar))
+    level, slope = np.linalg.lstsq(
+        np.stack([np.ones_like(qbar), qbar], axis=1), np.log2(qbar / reference), rcond=None
+    )[0]
+    direction: dict[str, float] = {}
+    for coefficient, key, value in own:
+        direction[f"aerodynamics.{coefficient}.{key}"] = float(level) * value
+        direction[terms.name(coefficient, f"{key}*qbar")] = float(slope) * value
+    return direction
+
+
+def influence(height_over_span: np.ndarray) -> np.ndarray:
+    """Share of the induced drag that the ground takes away, exp(-2.48·(2h/b)^0.768).
+
+    Torenbeek, *Synthesis of Subsonic Airplane Design*, 1982, appendix G-7.
+    """
+    return np.exp(-2.48 * (2.0 * height_over_span) ** 0.768)
+
+
+def _ground(terms: _Terms) -> dict[str, Direction]:
+    """Lift, drag and moment that come with the ground's influence, as lines between `KNOTS`."""
+    heights = np.linspace(0.01, 1.2, 120)
+    columns = np.stack([np.maximum(0.0, knot - heights) for knot in KNOTS], axis=1)
+    weights = np.linalg.lstsq(columns, influence(heights), rcond=None)[0]
+    shape = terms.aircraft.geometry
+    aspect = math.pi * shape.wing_span**2 / shape.wing_area
+    level, slope = terms.value("CZ", "1"), terms.value("CZ", "alpha")
+    square = (level**2 / aspect, 2.0 * level * slope / aspect, slope**2 / aspect)
+    wanted = {
+        "lift": ("CZ", (level, slope)),
+        "drag": ("CX", square),
+        "moment": ("Cm", (level, slope)),
+    }
+    powers = ("", "*alpha", "*alpha^2")
+    return {
+        f"ground.{name}": {
+            terms.name(coefficient, f"max(0, {knot:g} - h_over_b){power}"): float(weight) * value
+            for knot, weight in zip(KNOTS, weights, strict=True)
+            for power, value in zip(powers, values, strict=False)
+        }
+        for name, (coefficient, values) in wanted.items()
+    }
+
+
+def candidates(causes: Mapping[str, Cause], found: Quantities) -> tuple[Candidate, ...]:
+    """Every cause that these quantities give sense to, once for all that it may be about."""
+    listed = []
+    for cause in causes.values():
+        if cause.needs and cause.needs not in found.has:
+            continue
+        prefix = cause.parameters[0].frees.split("{")[0]
+        abouts: Iterable[str] = ("",)
+        if cause.about == "control":
+            abouts = found.aircraft.control_names
+        elif cause.about:
+            abouts = [
+                name.removeprefix(prefix) for name in found.directions if name.startswith(prefix)
+            ]
+        for about in abouts:
+            for at in cause.places or (None,):
+                candidate = Candidate(cause, about, at)
+                if any(any(found.directions[name].values()) for name in candidate.frees):
+                    listed.append(candidate)
+    return tuple(listed)
+
+
+def names(means: Means) -> tuple[str, ...]:
+    """Of the model's parameters, in the order of `ravel_pytree`."""
+    listed: list[str] = []
+    for path, leaf in jax.tree_util.tree_flatten_with_path(means)[0]:
+        base = ".".join(str(getattr(part, "name", getattr(part, "key", ""))) for part in path)
+        shape = np.shape(leaf)
+        listed += [base] if not shape else [f"{base}.{index}" for index in range(shape[0])]
+    return tuple(listed)

@@ -1,0 +1,148 @@
+"""All that may have made what a simulation leaves of its flights, as one vector.
+
+First come the parameters of the flight model, with what they ordinarily are off by; those that
+belong to one flight, such as the bias of its accelerometer, once for each. Behind them stand the
+quantities that causes set free, in their own units: directions in the same parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.diagnose.aided.cause import Candidate
+from gcs_sysid.diagnose.aided.evidence import Information
+from gcs_sysid.diagnose.aided.quantities import Direction
+
+OWN = ("sensors.gyro_bias", "sensors.accelerometer_bias")
+"""What belongs to one flight."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Names and ordinary standard deviations.
+
+    Attributes:
+        names: of the unknowns.
+        sigma: ordinary standard deviation of each; 0 for quantities of causes.
+        own: for each flight, where the model's parameters stand.
+        parameters: how many unknowns are parameters of the model.
+        directions: of the quantities, in the parameters.
+        sizes: what a cause's shares refer to.
+    """
+
+    names: tuple[str, ...]
+    sigma: Float[np.ndarray, " unknown"]
+    own: tuple[np.ndarray, ...]
+    parameters: int
+    directions: Float[np.ndarray, "parameter quantity"]
+    sizes: Mapping[str, float]
+
+    def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
+        """Prior standard deviations and means with some causes set free."""
+        sigma, mean = self.sigma.copy(), np.zeros(self.sigma.size)
+        for candidate in causes:
+            for name, parameter in zip(candidate.frees, candidate.cause.parameters, strict=True):
+                index = self.names.index(name)
+                sigma[index] = parameter.sigma * self.sizes[parameter.per]
+                mean[index] = parameter.expected
+        return sigma, mean
+
+    def along(
+        self, name: str, mean: Float[np.ndarray, " unknown"], covariance: np.ndarray
+    ) -> tuple[float, float]:
+        """How far the model's parameters moved along a quantity, ordinary errors included.
+
+        Args:
+            name: of the quantity.
+            mean: of all unknowns.
+            covariance: of them.
+
+        Returns:
+            Value and standard deviation in the quantity's unit.
+        """
+        column = self.directions[:, self.names.index(name) - self.parameters]
+        view = column / (column @ column)
+        view = np.concatenate([view, view @ self.directions])
+        return float(view @ mean), float(np.sqrt(view @ covariance @ view))
+
+    def in_flight(
+        self, number: int, values: Float[np.ndarray, " unknown"]
+    ) -> Float[np.ndarray, " parameter"]:
+        """Change of a flight's parameters of the model."""
+        every = values[: self.parameters] + self.directions @ values[self.parameters :]
+        return every[self.own[number]]
+
+
+def of_flights(
+    names: Sequence[str],
+    ordinary: Float[np.ndarray, " parameter"],
+    quantities: Mapping[str, Direction],
+    sizes: Mapping[str, float],
+    flights: int,
+) -> Unknowns:
+    """The unknowns of so many flights.
+
+    Args:
+        names: of the model's parameters.
+        ordinary: standard deviation of each.
+        quantities: what causes set free.
+        sizes: what a cause's shares refer to.
+        flights: how many.
+    """
+    listed = [name for name in names if not _owned(name)]
+    sigma = [float(ordinary[i]) for i, name in enumerate(names) if not _owned(name)]
+    for number in range(flights):
+        listed += [f"{name} #{number}" for name in names if _owned(name)]
+        sigma += [float(ordinary[i]) for i, name in enumerate(names) if _owned(name)]
+    place = {name: index for index, name in enumerate(listed)}
+    own = tuple(
+        np.array([place[f"{name} #{number}" if _owned(name) else name] for name in names])
+        for number in range(flights)
+    )
+    directions = np.zeros((len(listed), len(quantities)))
+    for column, direction in enumerate(quantities.values()):
+        for name, weight in direction.items():
+            index = names.index(name)
+            for places in own:
+                directions[places[index], column] = weight
+    return Unknowns(
+        (*listed, *quantities),
+        np.concatenate([sigma, np.zeros(len(quantities))]),
+        own,
+        len(listed),
+        directions,
+        sizes,
+    )
+
+
+def _owned(name: str) -> bool:
+    return name.rpartition(".")[0] in OWN
+
+
+def of_flight(
+    unknowns: Unknowns,
+    number: int,
+    matrix: Float[np.ndarray, "parameter parameter"],
+    score: Float[np.ndarray, " parameter"],
+    count: float,
+) -> Information:
+    """What one flight says of all unknowns.
+
+    Args:
+        unknowns: of all flights.
+        number: of the flight.
+        matrix: information about the flight's parameters.
+        score: about their deviation from what the file says.
+        count: measurements.
+    """
+    places = unknowns.own[number]
+    gram = np.zeros((unknowns.parameters, unknowns.parameters))
+    gram[np.ix_(places, places)] = matrix
+    along = np.zeros(unknowns.parameters)
+    along[places] = score
+    spread = np.concatenate([np.eye(unknowns.parameters), unknowns.directions], axis=1)
+    return Information(spread.T @ gram @ spread, spread.T @ along, count)

@@ -1,0 +1,238 @@
+"""Gust and noise intensities of greatest likelihood, the parameters of the mean held.
+
+Intensities enter the filter through the decay of the air and the covariances only. What the motion
+of the aircraft contributes is worked out once for a path, and the gradient comes from the filter's
+adjoint through matrices that are cheap to make. Steps are those of Fisher scoring, with the
+information of the innovations' covariance, ½ tr(S⁻¹ ∂S S⁻¹ ∂S), on a stretch of the flight,
+corrected by how the slope has changed (Nocedal & Wright, *Numerical Optimization*, 2nd ed. 2006,
+eq. 6.19) and damped until the likelihood grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import Linearised, Means, Noise, Row
+from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
+from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
+from gcs_sysid.reconstruct.causal import Path
+from gcs_sysid.reconstruct.linear_filter import Belief
+
+LONGEST_STEP = 0.7
+"""An intensity changes by no more than this factor's logarithm in a step."""
+SAMPLE_ROWS = 500
+"""Rows on which the information is worked out."""
+DIFFERENCE = 1e-3
+"""Step of a logarithm for the change of a covariance."""
+MOST_TRIALS = 7
+RENEWED = 4
+"""After so many steps the information is worked out anew."""
+
+
+class Prior(NamedTuple):
+    """Log intensities believed before: their means and standard deviations, 0 for those held."""
+
+    mean: Noise
+    sigma: Noise
+
+
+class Search(NamedTuple):
+    """Where a search stands.
+
+    Attributes:
+        log_noise: the intensities.
+        damping: of the next step.
+        taken: steps so far.
+        information: of the flight and the prior.
+        before: values and slope before the last step.
+        gained: log posterior density that the last step gained.
+    """
+
+    log_noise: Noise
+    damping: float = 0.1
+    taken: int = 0
+    information: Float[np.ndarray, "intensity intensity"] | None = None
+    before: tuple[np.ndarray, np.ndarray] | None = None
+    gained: float = np.inf
+
+
+def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Search) -> Search:
+    """One step of the search."""
+    flat, unravel = ravel_pytree(search.log_noise)
+    values = np.asarray(flat)
+    centre, sigma = (np.asarray(ravel_pytree(part)[0]) for part in prior)
+    free = sigma > 0.0
+    weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
+    rows = causal.joined(model, means, search.log_noise, path)
+    mechanics = [_mechanics(model, means, chunk) for chunk in path.chunks]
+    density, found, begun = _slope(search.log_noise, path, rows, mechanics)
+    slope = found - weight * (values - centre)
+    information = search.information
+    if information is None or search.taken % RENEWED == 0:
+        index = len(path.chunks) // 2
+        share = sum(int(np.sum(np.asarray(chunk.row.step) > 0.0)) for chunk in path.chunks)
+        information = (
+            share
+            / SAMPLE_ROWS
+            * _information(
+                search.log_noise,
+                path.chunks[index],
+                rows[index],
+                mechanics[index],
+                begun[index],
+                free,
+            )
+        )
+        information = information + np.diag(np.where(free, weight, 1.0))
+    if search.before is not None:
+        information = _corrected(information, values - search.before[0], search.before[1] - slope)
+
+    def posterior(at: Float[np.ndarray, " intensity"]) -> float:
+        moved = unravel(jnp.asarray(at))
+        start, total = path.start, -0.5 * float(np.sum(weight * (at - centre) ** 2))
+        for chunk, piece, still in zip(path.chunks, rows, mechanics, strict=True):
+            start, part = linear_filter.likelihood(start, _at(moved, chunk, piece, still))
+            total += float(part)
+        return total
+
+    here = density - 0.5 * float(np.sum(weight * (values - centre) ** 2))
+    damping, diagonal = search.damping, np.diag(np.abs(np.diagonal(information)))
+    chosen = np.ix_(free, free)
+    for _ in range(MOST_TRIALS):
+        move = np.zeros_like(values)
+        move[free] = np.linalg.solve((information + damping * diagonal)[chosen], slope[free])
+        move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
+        there = posterior(values + move)
+        if np.isfinite(there) and there > here:
+            return Search(
+                unravel(jnp.asarray(values + move)),
+                max(damping / 5.0, 1e-5),
+                search.taken + 1,
+                information,
+                (values, slope),
+                there - here,
+            )
+        damping = max(6.0 * damping, 1e-2)
+    # Nothing gained: from here the search begins anew, with fresh information.
+    return Search(search.log_noise, gained=0.0)
+
+
+def _corrected(
+    information: Float[np.ndarray, "intensity intensity"],
+    move: Float[np.ndarray, " intensity"],
+    change: Float[np.ndarray, " intensity"],
+) -> Float[np.ndarray, "intensity intensity"]:
+    along = information @ move
+    before, after = move @ along, move @ change
+    if after <= 0.01 * before:
+        return information
+    return information - np.outer(along, along) / before + np.outer(change, change) / after
+
+
+def _slope(
+    log_noise: Noise, path: Path, rows: Sequence[Linearised], mechanics: Sequence[Array]
+) -> tuple[float, Float[np.ndarray, " intensity"], list[Belief]]:
+    """Log-likelihood, its gradient, and the belief before each chunk."""
+    begun, steps = [path.start], []
+    for piece in rows:
+        end, done = linear_filter.run(begun[-1], piece)
+        begun.append(end)
+        steps.append(done)
+    later = jax.tree.map(jnp.zeros_like, path.start)
+    total = np.zeros(ravel_pytree(log_noise)[0].size)
+    for chunk, piece, still, first, done in zip(
+        path.chunks[::-1], rows[::-1], mechanics[::-1], begun[-2::-1], steps[::-1], strict=True
+    ):
+        later, slope = linear_filter.adjoint(first, piece, done, later)
+        total += np.asarray(ravel_pytree(_pulled_back(log_noise, chunk, still, slope))[0])
+    density = sum(float(jnp.sum(done.log_likelihood)) for done in steps)
+    return density, total, begun
+
+
+class _Covered(NamedTuple):
+    """The parts of a linearised row that intensities change."""
+
+    transition: Float[Array, "*sample state state"]
+    drift: Float[Array, "*sample state"]
+    process: Float[Array, "*sample state state"]
+    variance: Float[Array, "*sample row"]
+
+
+def _covered(
+    log_noise: Noise, row: Row, still: Float[Array, "state state"], air: Float[Array, " nine"]
+) -> _Covered:
+    """One row; `drift` is the change that the decay of the nominal air makes."""
+    noise = aided_smoother.positive(log_noise)
+    half = aided.half_transition(still, noise.turbulence, row.step)
+    transition = half @ half
+    blown = jnp.zeros(aided.SIZE).at[9:18].set(air)
+    return _Covered(
+        transition,
+        transition @ blown,
+        aided.process(half, row.step, aided.doubted(noise, row)),
+        jnp.where(aided.present_rows(row), aided.measurement_variance(noise), 1.0),
+    )
+
+
+def _every(log_noise: Noise, chunk: Chunk, still: Array) -> _Covered:
+    air = chunk.before.air
+    blown = jnp.concatenate([air.wind, air.gust, air.spin], axis=1)
+    return jax.vmap(partial(_covered, log_noise))(chunk.row, still, blown)
+
+
+@partial(jax.jit, static_argnums=0)
+def _mechanics(
+    model: FlightModel, means: Means, chunk: Chunk
+) -> Float[Array, "sample state state"]:
+    def one(part: Chunk) -> Array:
+        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
+        return aided.jacobian(model.aircraft, means, middle, part.row, 1)
+
+    return jax.vmap(one)(chunk)
+
+
+@jax.jit
+def _pulled_back(log_noise: Noise, chunk: Chunk, still: Array, slope: Linearised) -> Noise:
+    _, pull_back = jax.vjp(lambda logs: _every(logs, chunk, still), log_noise)
+    found = _Covered(slope.transition, slope.offset, slope.process, slope.variance)
+    return pull_back(found)[0]
+
+
+@jax.jit
+def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: Array) -> Linearised:
+    """The rows with other intensities."""
+    found = _every(log_noise, chunk, still)
+    return rows._replace(
+        transition=found.transition, process=found.process, variance=found.variance
+    )
+
+
+def _information(
+    log_noise: Noise,
+    chunk: Chunk,
+    rows: Linearised,
+    still: Array,
+    begun: Belief,
+    free: np.ndarray,
+) -> Float[np.ndarray, "intensity intensity"]:
+    """½ Σ tr(S⁻¹ ∂S S⁻¹ ∂S) over the first rows of a chunk."""
+    chunk, rows, still = jax.tree.map(lambda part: part[:SAMPLE_ROWS], (chunk, rows, still))
+    flat, unravel = ravel_pytree(log_noise)
+    here = _at(log_noise, chunk, rows, still)
+    start = Belief(jnp.zeros_like(begun.mean), begun.covariance)
+    changes = np.zeros((flat.size, SAMPLE_ROWS * aided.ROW_COUNT**2))
+    for index in np.flatnonzero(free):
+        moved = unravel(flat.at[index].add(DIFFERENCE))
+        change = linear_filter.spread_change(start, here, _at(moved, chunk, rows, still))
+        changes[index] = np.ravel(change) / DIFFERENCE
+    return 0.5 * changes @ changes.T

@@ -1,0 +1,215 @@
+"""From flights and a simulation to a ranking of causes: the whole inference in one place.
+
+Every flight is settled under the simulation's own beliefs; its innovations and their sensitivities
+then weigh all causes at once, by linear algebra. What that favours is put to the test: the flights
+are settled again with it set free, and everything is weighed about that point, until the favourite
+stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
+from gcs_sysid.diagnose.aided.catalogue import CAUSES
+from gcs_sysid.diagnose.aided.cause import Candidate
+from gcs_sysid.diagnose.aided.evidence import Information
+from gcs_sysid.diagnose.aided.quantities import Quantities
+from gcs_sysid.diagnose.aided.ranking import Ranked, rank
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.aided.unlisted import Missing
+from gcs_sysid.diagnose.aided.verdict import NAMED
+from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.offline import settled
+from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.settled import Subject
+from gcs_sysid.reconstruct.aided_smoother import FlightModel
+
+ROUNDS = 3
+"""Favourites that are put to the test."""
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """What flights say of all causes.
+
+    Attributes:
+        quantities: what causes set free.
+        unknowns: names and ordinary sigmas.
+        candidates: every cause that was weighed.
+        information: of what was fitted.
+        apart: of what took no part.
+        ranked: sets of causes, the most probable first.
+        missing: a term that nothing in the catalogue stands for, where one is asked for.
+        model: the aircraft with all terms.
+        subjects: the flights.
+        settled: where each of them settled.
+        notes: what the engineer should know.
+    """
+
+    quantities: Quantities
+    unknowns: Unknowns
+    candidates: tuple[Candidate, ...]
+    information: Information
+    apart: Information
+    ranked: tuple[Ranked, ...]
+    missing: Missing | None
+    model: FlightModel
+    subjects: tuple[Subject, ...]
+    settled: tuple[Settled, ...]
+    notes: tuple[str, ...]
+
+    def gained(self, causes: Sequence[Candidate]) -> float:
+        """Log predictive density per measurement that causes gain on what took no part."""
+        return gain.gained(self.information, self.apart, self.unknowns, causes)
+
+    def foretold(self, causes: Sequence[Candidate]) -> float:
+        """Log predictive density per measurement of what took no part, with these causes."""
+        total = gain.foretold(self.information, self.apart, self.unknowns, causes)
+        return total / max(self.apart.count, 1.0)
+
+
+def investigate(
+    aircraft: Aircraft,
+    flights: Sequence[Flight],
+    fitted: Sequence[bool],
+    held_out: Sequence[int],
+    progress: Progress,
+) -> Investigation:
+    """Ranks all sets of causes.
+
+    Args:
+        aircraft: the simulation, less controls that the logs lack.
+        flights: of that aircraft.
+        fitted: which flights take part.
+        held_out: maneuvers that take none.
+        progress: told what is being done.
+    """
+    found = quantities.build(aircraft, settled.flown(flights, aircraft))
+    every = quantities.candidates(CAUSES, found)
+    subjects = [
+        settled.prepare(one, found, held_out, apart=not part)
+        for one, part in zip(flights, fitted, strict=True)
+    ]
+    vanes = "vanes" in found.has
+    before = [settled.believed(one, found, vanes=vanes) for one in subjects]
+    names = quantities.names(subjects[0].first.means)
+    ordinary = beliefs.ordinary(names, found.aircraft, vanes=vanes)
+    listed = unknowns.of_flights(names, ordinary, found.directions, found.sizes, len(flights))
+    model = settled.model_of(found)
+    steps = len(flights) * (1 + ROUNDS)
+    done: list[Settled] = []
+    for number, (one, own) in enumerate(zip(subjects, before, strict=True)):
+
+        def told(text: str, number: int = number) -> None:
+            progress(f"flying the simulation along: {text}", number / steps)
+
+        done.append(settled.settle(model, one, own, told))
+    information, apart = _summed(listed, before, done)
+    ranked = rank(information, listed, every)
+    tested: list[tuple[Candidate, ...]] = [()]
+    for turn in range(1, ROUNDS + 1):
+        best = ranked[0]
+        if best.causes in tested:
+            break
+        tested.append(best.causes)
+        words = " and ".join(candidate.label for candidate in best.causes)
+
+        def trying(text: str, turn: int = turn, words: str = words) -> None:
+            progress(f"trying {words}: {text}", len(flights) * turn / steps)
+
+        done = [
+            settled.settle(
+                model,
+                one,
+                _with(own, listed, number, best.causes),
+                trying,
+                start=last,
+                moved=listed.in_flight(number, best.posterior.mean),
+            )
+            for number, (one, own, last) in enumerate(zip(subjects, before, done, strict=True))
+        ]
+        information, apart = _summed(listed, before, done)
+        ranked = rank(information, listed, every)
+    progress("looking for what no cause stands for", (steps - 1) / steps)
+    missing = None
+    if not ranked[0].causes or ranked[0].log_bayes_factor < NAMED:
+        missing = _missing(model, names, found, before, done, subjects, ranked[0])
+    return Investigation(
+        quantities=found,
+        unknowns=listed,
+        candidates=every,
+        information=information,
+        apart=apart,
+        ranked=ranked,
+        missing=missing,
+        model=model,
+        subjects=tuple(subjects),
+        settled=tuple(done),
+        notes=tuple(
+            f"{one.one.recording.source}: the filter had not quite settled after its last turn"
+            for one, last in zip(subjects, done, strict=True)
+            if not last.ended
+        ),
+    )
+
+
+def _summed(
+    listed: Unknowns, before: Sequence[Beliefs], done: Sequence[Settled]
+) -> tuple[Information, Information]:
+    """What all flights say by what was fitted, and by what was not."""
+    parts = [
+        settled.told(listed, number, own, one)
+        for number, (own, one) in enumerate(zip(before, done, strict=True))
+    ]
+    fitted, apart = parts[0]
+    for more, others in parts[1:]:
+        fitted, apart = fitted.plus(more), apart.plus(others)
+    return fitted, apart
+
+
+def _with(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidate]) -> Beliefs:
+    """Beliefs about a flight with causes set free."""
+    sigma, mean = listed.freed(causes)
+    quantities_free = sigma[listed.parameters :]
+    places = listed.own[number]
+    along = listed.directions[places] * quantities_free
+    centre = own.mean + listed.directions[places] @ mean[listed.parameters :]
+    return replace(own, mean=centre, covariance=own.covariance + along @ along.T)
+
+
+def _missing(
+    model: FlightModel,
+    names: Sequence[str],
+    found: Quantities,
+    before: Sequence[Beliefs],
+    done: Sequence[Settled],
+    subjects: Sequence[Subject],
+    best: Ranked,
+) -> Missing | None:
+    """A term that nothing in the catalogue stands for."""
+    controls = found.aircraft.control_names
+    terms = unlisted.products(controls)
+    more = unlisted.names(terms)
+    ordinary = beliefs.ordinary(names, found.aircraft, vanes="vanes" in found.has)
+    listed = unknowns.of_flights(
+        (*names, *more),
+        np.concatenate([ordinary, np.zeros(len(more))]),
+        found.directions,
+        found.sizes,
+        len(subjects),
+    )
+    wide = [
+        settled.with_terms(model, one, last, names, terms)
+        for one, last in zip(subjects, done, strict=True)
+    ]
+    stretched = [settled.stretched(own, len(more)) for own in before]
+    fitted, apart = _summed(listed, stretched, wide)
+    samples = subjects[0].one.samples
+    sigma = unlisted.sizes(terms, samples.regressors, samples.measured)
+    missing = unlisted.strongest(fitted, apart, listed, best.causes, terms, sigma)
+    return missing if missing is not None and missing.log_bayes_factor >= NAMED else None

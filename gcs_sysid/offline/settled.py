@@ -1,0 +1,245 @@
+"""Flights of a diagnosis, settled under beliefs about their aircraft.
+
+Each flight is settled by itself under the simulation's own beliefs, and tells what it tells as a
+quadratic form in the departures from them; flights add. Where a cause is then put to the test, the
+flights are settled again with it, from where they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float
+
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid.diagnose.aided import beliefs, quantities
+from gcs_sysid.diagnose.aided.evidence import Information
+from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
+from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.estimate import filter_error, settling
+from gcs_sysid.estimate.intensities import Prior
+from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.model import departures
+from gcs_sysid.model.aided import State
+from gcs_sysid.offline import aided_flight
+from gcs_sysid.offline.flight import Flight
+from gcs_sysid.reconstruct import aided_smoother, causal
+from gcs_sysid.reconstruct.aided_smoother import FlightModel
+
+LONGEST = 20000
+"""Rows of a flight that are looked at, those with the most control."""
+ALL_BUT = 0.99
+"""Quantile of a control's motion that counts as its fastest."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One flight ready to be settled.
+
+    Attributes:
+        one: as it was read.
+        rows: as the filter reads it.
+        first: where a search begins.
+        fitted: rows that take part.
+    """
+
+    one: Flight
+    rows: filter_error.Flight
+    first: filter_error.Unknowns
+    fitted: Bool[np.ndarray, " row"]
+
+
+def flown(flights: Sequence[Flight], aircraft: Aircraft) -> Flown:
+    """What of the flights decides which quantities there are."""
+    steps = [float(np.median(np.diff(one.samples.time))) for one in flights]
+    rates = {
+        name: max(
+            float(np.quantile(np.abs(np.diff(one.samples.regressors[name])), ALL_BUT) / step)
+            for one, step in zip(flights, steps, strict=True)
+        )
+        for name in aircraft.control_names
+    }
+    heights = [one.reconstruction.data.height for one in flights]
+    # A log that began in the air does not tell the height.
+    height = min(
+        float(np.min(each)) if float(np.median(each)) > aided_flight.LOWEST else np.inf
+        for each in heights
+    )
+    return Flown(
+        qbar=np.concatenate([one.samples.qbar for one in flights]),
+        lowest=height / aircraft.geometry.wing_span,
+        rates=rates,
+        vanes=all("vanes" in one.reconstruction.data.used for one in flights),
+    )
+
+
+def prepare(one: Flight, found: Quantities, held_out: Sequence[int], *, apart: bool) -> Subject:
+    """A flight as the filter reads it.
+
+    Args:
+        one: as it was read.
+        found: quantities, whose servos are tried.
+        held_out: maneuvers that take no part.
+        apart: whether the whole flight takes none.
+    """
+    states = one.reconstruction
+    rows = aided_flight.prepare(one.recording, found.aircraft, states, found.servos)
+    time = states.time[0] + np.cumsum(rows.rows.step)
+    fitted = np.full(time.size, not apart)
+    for segment in one.segments:
+        if segment.id in held_out:
+            fitted &= ~((time >= segment.start) & (time < segment.end))
+    terms = {
+        name: {key: item.value for key, item in model.terms.items()}
+        for name, model in found.aircraft.aerodynamics.items()
+    }
+    first = aided_flight.first_unknowns(rows, states, terms)
+    none = departures.none(found.aircraft, len(found.servos))
+    means = first.means._replace(departures=none)
+    return Subject(one, rows, first._replace(means=means), fitted)
+
+
+def model_of(found: Quantities) -> FlightModel:
+    """The aircraft with all terms, as the filter looks it up."""
+    return FlightModel(found.aircraft)
+
+
+def believed(subject: Subject, found: Quantities, *, vanes: bool) -> Beliefs:
+    """What is believed of one flight before any cause."""
+    means = subject.first.means
+    names = quantities.names(means)
+    sigma = beliefs.ordinary(names, found.aircraft, vanes=vanes)
+    values = np.asarray(ravel_pytree(means)[0])
+    mean = np.array(
+        [
+            value if name.startswith("aerodynamics.") else 0.0
+            for name, value in zip(names, values, strict=True)
+        ]
+    )
+    bare = subject.first._replace(means=means._replace(departures=None))
+    known = {name: dict.fromkeys(terms, 1.0) for name, terms in means.aerodynamics.items()}
+    _, spread = aided_flight.beliefs(bare, found.aircraft, vanes=vanes, known=known)
+    return Beliefs(mean, np.diag(sigma**2), Prior(subject.first.log_noise, spread.log_noise))
+
+
+def settle(
+    model: FlightModel,
+    subject: Subject,
+    before: Beliefs,
+    progress: Callable[[str], None],
+    *,
+    start: Settled | None = None,
+    moved: Float[np.ndarray, " parameter"] | None = None,
+) -> Settled:
+    """Settles a flight.
+
+    Args:
+        model: the aircraft.
+        subject: the flight.
+        before: beliefs about it.
+        progress: told what is being done.
+        start: where it was settled before; None begins anew.
+        moved: departures from the beliefs' mean to begin with.
+
+    Raises:
+        RefusedError: the filter lost the aircraft.
+    """
+    first = subject.first
+    if start is not None:
+        first = settling.at(start, first.means)
+    if moved is not None:
+        unravel = ravel_pytree(first.means)[1]
+        first = first._replace(means=unravel(jnp.asarray(before.mean + moved)))
+    rows, fitted = subject.rows, subject.fitted
+    if rows.rows.step.shape[0] > LONGEST:
+        begin = filter_error.busiest(rows, LONGEST)
+        rows, fitted = filter_error.cut(rows, begin), fitted[begin]
+    done = settling.settle(model, rows, first, before, fitted, progress, near=start is not None)
+    if not np.isfinite(done.last.log_likelihood.sum()):
+        raise RefusedError(
+            subject.one.recording.source,
+            "the simulation's own model lost the aircraft inside the filter",
+            fix="check mass, inertia, signs of the controls and the thrust of the aircraft file",
+        )
+    return done
+
+
+def told(
+    unknowns: Unknowns, number: int, before: Beliefs, done: Settled
+) -> tuple[Information, Information]:
+    """What a flight says of all unknowns by what was fitted, and by what was not.
+
+    Scores are told relative to the beliefs' mean. Rows count for less where scores of blocks
+    scatter more than independent innovations would.
+    """
+    share = 1.0 / _scatter(done, np.diagonal(before.covariance) > 0.0)
+    both = []
+    for part in (done.last.told, done.last.apart):
+        score = part.score + part.matrix @ (done.values - before.mean)
+        both.append(of_flight(unknowns, number, part.matrix, score, part.count).weighed(share))
+    return both[0], both[1]
+
+
+def _scatter(done: Settled, free: Bool[np.ndarray, " parameter"]) -> float:
+    """Variance of the scores of blocks over that of independent innovations, at least 1."""
+    blocks = done.last.blocks[:, free]
+    spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
+    information = np.diagonal(done.last.told.matrix + done.last.apart.matrix)[free]
+    seen = information > 0.0
+    return max(float(np.median(spread[seen] / information[seen])), 1.0)
+
+
+def states(
+    model: FlightModel, subject: Subject, done: Settled
+) -> tuple[filter_error.Unknowns, State, Float[np.ndarray, "row state state"]]:
+    """Parameters, smoothed states and their covariance at every sample of the whole flight."""
+    found = settling.at(done, subject.first.means)
+    nominal, smoothed = aided_smoother.iterated(
+        model,
+        *found,
+        subject.rows.rows,
+        subject.rows.nominal,
+        subject.rows.beginning,
+        rounds=3,
+    )
+    kept = aided_flight.kept_rows(subject.one.reconstruction)
+    at = jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), nominal)
+    return found, at, np.asarray(smoothed.belief.covariance)[kept]
+
+
+def with_terms(
+    model: FlightModel,
+    subject: Subject,
+    done: Settled,
+    names: Sequence[str],
+    terms: Sequence[tuple[str, ...]],
+) -> Settled:
+    """A settled flight that also tells of terms that the model does not have, all of them 0."""
+    found = settling.at(done, subject.first.means)
+    constants = [names.index(f"aerodynamics.{name}.1") for name in COEFFICIENTS]
+    last = causal.passed(
+        model,
+        found.means,
+        found.log_noise,
+        done.last.path,
+        done.fitted,
+        more=causal.More(tuple(terms), tuple(constants)),
+    )
+    values = np.concatenate([done.values, np.zeros(len(COEFFICIENTS) * len(terms))])
+    return replace(done, values=values, last=last)
+
+
+def stretched(before: Beliefs, count: int) -> Beliefs:
+    """Beliefs with so many parameters more, that are held at 0."""
+    size = before.mean.size
+    covariance = np.zeros((size + count, size + count))
+    covariance[:size, :size] = before.covariance
+    return replace(
+        before, mean=np.concatenate([before.mean, np.zeros(count)]), covariance=covariance
+    )

@@ -1,0 +1,347 @@
+"""The aided filter about its own predictions, and what its innovations say of the parameters.
+
+Every row is linearised about the state that the filter expects before the row's measurements, so
+that innovation ν and its sensitivity J to the parameters depend on the past only. With the right
+intensities the innovations are independent of the past, and
+
+    g = Σ Jᵀ S⁻¹ ν        H = Σ Jᵀ S⁻¹ J
+
+have E g = 0 and E g gᵀ = H at the true parameters: an unbiased estimating equation (Godambe,
+Biometrika 72, 1985; Ljung, *System Identification*, 2nd ed. 1999, chapter 7). Gains are held in J:
+their own change with a parameter multiplies an innovation. About a *smoothed* flight neither would
+hold, since its gusts were made from the accelerations that they are then asked to explain.
+
+The flight the filter predicts moves with the parameters, and the pass about the old one gives the
+new one, so that a search needs one pass a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float, Int
+
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
+from gcs_sysid.reconstruct import aided_smoother, linear_filter
+from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk, FlightModel
+from gcs_sysid.reconstruct.linear_filter import Belief
+
+BLOCK = 100
+"""Rows whose scores are told together: a second or two of flight."""
+
+
+class Path(NamedTuple):
+    """A flight as the filter predicts it.
+
+    Attributes:
+        chunks: states that the filter believed after the row before, and expects at the row.
+        start: belief about the deviation from the first of them.
+    """
+
+    chunks: list[Chunk]
+    start: Belief
+
+
+class Told(NamedTuple):
+    """What innovations say of the parameters of the mean, in the order of `ravel_pytree`.
+
+    Attributes:
+        matrix: H, their information.
+        score: g.
+        count: number of measurements.
+    """
+
+    matrix: Float[np.ndarray, "parameter parameter"]
+    score: Float[np.ndarray, " parameter"]
+    count: float
+
+
+class More(NamedTuple):
+    """Terms that the model does not have, of which a pass is to tell as well.
+
+    They come behind the parameters, coefficient by coefficient.
+
+    Attributes:
+        terms: products of variables.
+        constants: parameters that are the constants of the coefficients.
+    """
+
+    terms: tuple[tuple[str, ...], ...]
+    constants: tuple[int, ...]
+
+
+class Pass(NamedTuple):
+    """One pass of the filter over a flight.
+
+    Attributes:
+        told: by the rows that count.
+        apart: by the others.
+        path: about which the next pass goes.
+        blocks: scores of every `BLOCK` rows.
+        log_likelihood: of every row.
+        whitened: innovations over the root of their covariance.
+    """
+
+    told: Told
+    apart: Told
+    path: Path
+    blocks: Float[np.ndarray, "block parameter"]
+    log_likelihood: Float[np.ndarray, " sample"]
+    whitened: Float[np.ndarray, "sample row"]
+
+
+def along(rows: Row, nominal: State, beginning: Beginning) -> Path:
+    """A path along a nominal flight, where nothing better is known."""
+    chunks = aided_smoother.chunks(rows, nominal)
+    return Path(chunks, aided_smoother.belief(beginning, chunks))
+
+
+def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> list[Linearised]:
+    """Every row about a path, the deviation handed on where the path leaps at a measurement."""
+    found, last = [], None
+    for chunk in path.chunks:
+        rows = aided_smoother.linearised(model, means, log_noise, chunk)
+        leap = _leaps(_ends(chunk, last), chunk.before)
+        carried = jnp.einsum("kij,kj->ki", rows.transition, leap)
+        found.append(rows._replace(offset=rows.offset + carried))
+        last = jax.tree.map(lambda part: part[-1:], chunk.after)
+    return found
+
+
+def filtered(
+    path: Path, rows: Sequence[Linearised]
+) -> tuple[Path, list[Belief], list[linear_filter.Filtered]]:
+    """The filter over a path: the path of its predictions, beliefs before each chunk, steps."""
+    begun, steps, chunks, last = [path.start], [], [], None
+    for chunk, piece in zip(path.chunks, rows, strict=True):
+        end, done = linear_filter.run(begun[-1], piece)
+        before = jnp.concatenate([begun[-1].mean[None], done.updated.mean[:-1]])
+        ends = _ends(chunk, last)
+        chunks.append(
+            Chunk(_moved(ends, before), _moved(chunk.after, done.predicted.mean), chunk.row)
+        )
+        last = jax.tree.map(lambda part: part[-1:], chunk.after)
+        begun.append(end)
+        steps.append(done)
+    start = path.start._replace(mean=jnp.zeros_like(path.start.mean))
+    return Path(chunks, start), begun, steps
+
+
+def passed(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    path: Path,
+    counts: Bool[np.ndarray, " sample"],
+    *,
+    chosen: Bool[np.ndarray, " parameter"] | None = None,
+    more: More | None = None,
+) -> Pass:
+    """One pass over a flight.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        log_noise: log intensities.
+        path: about which the rows are linearised.
+        counts: which rows `told` is made of.
+        chosen: parameters that are asked about; of the others nothing is told. None for all.
+        more: terms to tell of as well.
+    """
+    rows = joined(model, means, log_noise, path)
+    ahead, _, steps = filtered(path, rows)
+    every = ravel_pytree(means)[0].size
+    asked = np.arange(every) if chosen is None else np.flatnonzero(chosen)
+    size = asked.size
+    if more is not None:
+        size += len(more.terms) * len(more.constants)
+    sensitivity = jnp.zeros((aided.SIZE, size))
+    told, apart = _nothing(size), _nothing(size)
+    first, blocks = 0, []
+    for chunk, piece, done in zip(path.chunks, rows, steps, strict=True):
+        count = chunk.row.step.shape[0]
+        wanted = np.zeros(count, dtype=bool)
+        part = counts[first : first + count]
+        wanted[: part.size] = part
+        motion, seen = _sensitivities(model, means, log_noise, chunk, piece, jnp.asarray(asked))
+        if more is not None:
+            motion, seen = _with_more(model, more, means, chunk, motion, seen)
+        sensitivity, mine, others, sums = _gathered(
+            sensitivity, piece, done, motion, seen, jnp.asarray(wanted)
+        )
+        blocks.append(np.asarray(sums))
+        present = np.asarray(piece.present).sum(axis=1)
+        told = _sum(told, mine, float(present[wanted].sum()))
+        apart = _sum(apart, others, float(present[~wanted].sum()))
+        first += count
+    scores = np.concatenate(blocks)
+    if chosen is not None:
+        told, apart = _placed(told, asked, every), _placed(apart, asked, every)
+        scores = _columns(scores, asked, every)
+    return Pass(
+        told,
+        apart,
+        ahead,
+        scores,
+        np.concatenate([done.log_likelihood for done in steps]),
+        np.concatenate([done.whitened for done in steps]),
+    )
+
+
+def _nothing(size: int) -> Told:
+    return Told(np.zeros((size, size)), np.zeros(size), 0.0)
+
+
+def _sum(told: Told, more: tuple[Array, Array], count: float) -> Told:
+    matrix, score = more
+    return Told(
+        told.matrix + np.asarray(matrix), told.score + np.asarray(score), told.count + count
+    )
+
+
+def _placed(told: Told, asked: np.ndarray, size: int) -> Told:
+    matrix = np.zeros((size, size))
+    matrix[np.ix_(asked, asked)] = told.matrix
+    return Told(matrix, _columns(told.score[None], asked, size)[0], told.count)
+
+
+def _columns(values: np.ndarray, asked: np.ndarray, size: int) -> np.ndarray:
+    out = np.zeros((*values.shape[:-1], size))
+    out[..., asked] = values
+    return out
+
+
+def _ends(chunk: Chunk, last: State | None) -> State:
+    """Where the row before each one ended."""
+    first = jax.tree.map(lambda part: part[:1], chunk.before) if last is None else last
+    return jax.tree.map(lambda one, rest: jnp.concatenate([one, rest[:-1]]), first, chunk.after)
+
+
+@jax.jit
+def _leaps(first: State, second: State) -> Float[Array, "sample state"]:
+    return jax.vmap(aided.difference)(first, second)
+
+
+@jax.jit
+def _moved(state: State, error: Float[Array, "sample state"]) -> State:
+    return jax.vmap(aided.compose)(state, error)
+
+
+@partial(jax.jit, static_argnums=0)
+def _sensitivities(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    chunk: Chunk,
+    rows: Linearised,
+    asked: Int[Array, " asked"],
+) -> tuple[Float[Array, "sample state asked"], Float[Array, "sample row asked"]]:
+    """Change of each row's offset and residual with the parameters asked about.
+
+    What a parameter adds during a step, b in its middle, is carried to the step's end by Simpson's
+    rule, h/6 (b + 4 Φ½ b + Φ b), consistent with the transition: what a change of state can make
+    up for must cancel to its last digits.
+    """
+    flat, unravel = ravel_pytree(means)
+    turbulence = aided_smoother.positive(log_noise).turbulence
+
+    def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
+        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
+
+        def with_(values: Float[Array, " asked"]) -> Means:
+            return unravel(flat.at[asked].set(values))
+
+        def ahead(values: Float[Array, " asked"]) -> Float[Array, " state"]:
+            return part.row.step * aided.motion(model.aircraft, with_(values), middle, part.row)
+
+        def seen(values: Float[Array, " asked"]) -> Float[Array, " row"]:
+            return aided.innovation(model.aircraft, with_(values), part.after, part.row)
+
+        added = jax.jacfwd(ahead)(flat[asked])
+        mechanics = aided.jacobian(model.aircraft, means, middle, part.row, 1)
+        half = aided.half_transition(mechanics, turbulence, part.row.step)
+        carried = (added + 4.0 * half @ added + transition @ added) / 6.0
+        return carried, jax.jacfwd(seen)(flat[asked])
+
+    return jax.vmap(one)(chunk, rows.transition)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _with_more(
+    model: FlightModel,
+    more: More,
+    means: Means,
+    chunk: Chunk,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+) -> tuple[Array, Array]:
+    """Sensitivities to terms as well: those to a constant, times what the term is made of."""
+
+    def one(part: Chunk) -> tuple[Array, Array]:
+        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
+        found = []
+        for at, when in ((middle, 1), (part.after, 2)):
+            felt = aided.flow(model.aircraft, means, at, part.row, when)
+            values = [jnp.prod(jnp.stack([felt[name] for name in term])) for term in more.terms]
+            found.append(jnp.stack(values))
+        return found[0], found[1]
+
+    within, at_end = jax.vmap(one)(chunk)
+    constants = np.array(more.constants)
+
+    def stretched(columns: Array, values: Array) -> Array:
+        products = columns[:, :, constants, None] * values[:, None, None, :]
+        return jnp.concatenate([columns, products.reshape(*columns.shape[:2], -1)], axis=2)
+
+    return stretched(motion, within), stretched(seen, at_end)
+
+
+@jax.jit
+def _gathered(
+    sensitivity: Float[Array, "state parameter"],
+    rows: Linearised,
+    done: linear_filter.Filtered,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+    wanted: Bool[Array, " sample"],
+) -> tuple[Array, tuple[Array, Array], tuple[Array, Array], Float[Array, "block parameter"]]:
+    """What a chunk tells: sensitivity of the mean at its end, sums wanted and others, blocks.
+
+    Args:
+        sensitivity: of the filter's mean before the chunk.
+        rows: the chunk.
+        done: the filter's steps over it.
+        motion: change of each offset with the parameters.
+        seen: change of each residual.
+        wanted: rows of the first sum.
+    """
+    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
+
+    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, Array]:
+        transition, view, root, gain, moved, changed = item
+        predicted = transition @ now + moved
+        white = root @ (changed - view @ predicted)
+        return predicted + gain.T @ white, white
+
+    end, white = jax.lax.scan(
+        ahead,
+        sensitivity,
+        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
+    )
+
+    def sums(chosen: Bool[Array, " sample"]) -> tuple[Array, Array]:
+        own = jnp.where(chosen[:, None, None], white, 0.0)
+        flat = own.reshape(-1, own.shape[-1])
+        return flat.T @ flat, -flat.T @ done.whitened.reshape(-1)
+
+    scores = -jnp.einsum("krp,kr->kp", white, done.whitened)
+    blocks = scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
+    return end, sums(wanted), sums(~wanted), blocks

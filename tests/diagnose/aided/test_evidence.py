@@ -1,0 +1,62 @@
+"""Evidence against closed forms and against the dense Gaussian density."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gcs_sysid.diagnose.aided.evidence import posterior
+from tests.diagnose.aided.made_unknowns import whitened as information
+
+RANDOM = np.random.default_rng(7)
+COLUMNS = RANDOM.standard_normal((40, 4))
+LEFT = RANDOM.standard_normal(40) + COLUMNS @ np.array([0.5, 0.0, -1.0, 0.2])
+SIGMA = np.array([1.0, 0.0, 2.0, 0.3])
+
+
+def test_evidence_is_the_density_of_the_data_under_the_prior() -> None:
+    """Relative to that of nothing free, also where the prior's mean is not zero."""
+    covariance = np.eye(40) + (COLUMNS * SIGMA**2) @ COLUMNS.T
+    fixed = stats.multivariate_normal(np.zeros(40), np.eye(40)).logpdf(LEFT)
+    for mean in (np.zeros(4), np.array([0.4, 0.7, 0.0, -0.1])):
+        dense = stats.multivariate_normal(COLUMNS @ mean, covariance).logpdf(LEFT)
+        found = posterior(information(COLUMNS, LEFT), SIGMA, mean)
+        assert found.log_evidence == pytest.approx(dense - fixed, rel=1e-10)
+
+
+def test_posterior_is_that_of_the_normal_equations() -> None:
+    found = posterior(information(COLUMNS, LEFT), SIGMA)
+    free = SIGMA > 0.0
+    precision = COLUMNS[:, free].T @ COLUMNS[:, free] + np.diag(SIGMA[free] ** -2)
+    np.testing.assert_allclose(found.covariance[np.ix_(free, free)], np.linalg.inv(precision))
+    np.testing.assert_allclose(
+        found.mean[free], np.linalg.solve(precision, COLUMNS[:, free].T @ LEFT)
+    )
+    assert found.mean[1] == 0.0
+    assert found.covariance[1, 1] == 0.0
+
+
+def test_one_mean_of_known_noise_has_the_textbook_bayes_factor() -> None:
+    """n values of mean m: ln B = ½ (n m)² σ²/(1 + n σ²) − ½ ln(1 + n σ²)."""
+    left = np.full(25, 0.4)
+    data = information(np.ones((25, 1)), left)
+    free, fixed = posterior(data, np.array([0.5])), posterior(data, np.array([0.0]))
+    spread = 1.0 + 25 * 0.25
+    expected = 0.5 * 0.25 * (25 * 0.4) ** 2 / spread - 0.5 * np.log(spread)
+    assert free.log_evidence - fixed.log_evidence == pytest.approx(expected, rel=1e-12)
+
+
+def test_independent_data_add_up() -> None:
+    halves = information(COLUMNS[:15], LEFT[:15]).plus(information(COLUMNS[15:], LEFT[15:]))
+    whole = information(COLUMNS, LEFT)
+    together, once = posterior(halves, SIGMA), posterior(whole, SIGMA)
+    assert together.log_evidence == pytest.approx(once.log_evidence, rel=1e-12)
+
+
+def test_units_of_an_unknown_do_not_matter() -> None:
+    scaled = COLUMNS * np.array([10.0, 1.0, 0.1, 1.0])
+    other = SIGMA / np.array([10.0, 1.0, 0.1, 1.0])
+    first = posterior(information(COLUMNS, LEFT), SIGMA).log_evidence
+    second = posterior(information(scaled, LEFT), other).log_evidence
+    assert first == pytest.approx(second, rel=1e-12)

@@ -1,0 +1,229 @@
+"""Directions of causes: all there, and what they stand for, against the simulator's own effects.
+
+`sitl` hides effects by its own code in an aircraft that flies; what `extended` writes into the file
+for the same cause must be that aircraft.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Aircraft, CoefficientModel
+from gcs_sysid.aircraft_toml.section import Section
+from gcs_sysid.diagnose.aided import beliefs, extended, quantities
+from gcs_sysid.diagnose.aided.catalogue import CAUSES
+from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
+from gcs_sysid.model import aerodynamics, departures
+from gcs_sysid.model.aided import Means, Sensors
+from gcs_sysid.sitl import plan, scenario
+from gcs_sysid.sitl.effects import catalogue
+from gcs_sysid.sitl.flight import Flight
+
+DATA = Path(__file__).resolve().parents[3] / "data" / "aircraft"
+
+
+@pytest.fixture(scope="module", params=["ultra_stick_25e", "aerosonde"])
+def aircraft(request) -> Aircraft:
+    return aircraft_file.load(DATA / f"{request.param}.toml")
+
+
+def built(aircraft: Aircraft, *, low: bool = True) -> Quantities:
+    rates = dict.fromkeys(aircraft.control_names, 2.0)
+    lowest = 0.1 if low else 5.0
+    vanes = aircraft.vanes is not None
+    return quantities.build(aircraft, Flown(np.linspace(150.0, 350.0, 50), lowest, rates, vanes))
+
+
+def means(found: Quantities) -> Means:
+    values = {
+        name: {key: jnp.asarray(item.value) for key, item in model.terms.items()}
+        for name, model in found.aircraft.aerodynamics.items()
+    }
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, *[zero] * 6)
+    return Means(values, sensors, departures.none(found.aircraft, len(found.servos)))
+
+
+def test_names_are_those_of_the_flat_vector(aircraft) -> None:
+    found = built(aircraft)
+    tree = means(found)
+    flat, unravel = ravel_pytree(tree)
+    names = quantities.names(tree)
+    assert len(names) == flat.size
+    moved = unravel(flat.at[names.index("departures.imu_tilt.1")].add(0.3))
+    np.testing.assert_allclose(moved.departures.imu_tilt, [0.0, 0.3, 0.0])
+    index = names.index("aerodynamics.Cm.alpha")
+    assert float(flat[index]) == aircraft.aerodynamics["Cm"].terms["alpha"].value
+
+
+def test_every_cause_frees_something_that_the_model_has(aircraft) -> None:
+    found = built(aircraft)
+    names = quantities.names(means(found))
+    every = quantities.candidates(CAUSES, found)
+    wanted = set(CAUSES) - (set() if "vanes" in found.has else {"vane_bias"})
+    assert {candidate.cause.name for candidate in every} == wanted
+    for candidate in every:
+        for name in candidate.frees:
+            assert set(found.directions[name]) <= set(names)
+        for parameter in candidate.cause.parameters:
+            assert found.sizes[parameter.per] > 0.0
+    aloft = quantities.candidates(CAUSES, built(aircraft, low=False))
+    assert "ground_effect" not in {candidate.cause.name for candidate in aloft}
+
+
+def test_what_only_causes_free_is_held_otherwise(aircraft) -> None:
+    found = built(aircraft)
+    names = quantities.names(means(found))
+    sigma = beliefs.ordinary(names, found.aircraft, vanes=False)
+    by_name = dict(zip(names, sigma, strict=True))
+    assert by_name["departures.actuators.0"] == 0.0
+    assert by_name["sensors.vane_bias.0"] == 0.0
+    assert by_name["departures.mass"] == aircraft.mass.mass_sigma
+    term = aircraft.aerodynamics["Cm"].terms["alpha"]
+    assert by_name["aerodynamics.Cm.alpha"] == term.sigma > 0.0
+    added = set(found.aircraft.aerodynamics["Cm"].terms) - set(aircraft.aerodynamics["Cm"].terms)
+    assert all(by_name[f"aerodynamics.Cm.{key}"] == 0.0 for key in added)
+
+
+FLOWN = (
+    ({"name": "mass", "mass_ratio": 1.1}, {"mass": 0.1}),
+    ({"name": "cg_shift", "cg_x_chord": -0.05}, {"cg": -0.05}),
+    ({"name": "inertia", "Iyy_ratio": 1.2, "Izz_ratio": 0.9},
+     {"inertia.1": 0.2, "inertia.2": -0.1}),
+    ({"name": "airspeed_scale", "airspeed_scale": 0.06}, {"airspeed_scale": 0.06}),
+    ({"name": "pitot_lag", "pitot_lag": 0.2}, {"airspeed_delay": 0.2}),
+    ({"name": "accelerometer_bias", "bias_y": 0.4}, {"accelerometer_bias.1": 0.4}),
+    ({"name": "gyro_scale", "scale_z": 0.03}, {"gyro_scale.2": 0.03}),
+    ({"name": "imu_misalignment", "tilt_y": 0.05}, {"imu_tilt.1": 0.05}),
+    ({"name": "imu_position", "dx": 0.1, "dz": -0.05},
+     {"imu_position.0": 0.1, "imu_position.2": -0.05}),
+    ({"name": "actuator_lag", "control": "elevator", "time_constant": 0.15},
+     {"lag.elevator": 0.15}),
+    ({"name": "actuator_backlash", "control": "elevator", "width": 0.02},
+     {"backlash.elevator": 0.02}),
+    (
+        {"name": "actuator_rate_limit", "control": "elevator", "rate_limit": 0.6},
+        {"rate_limit.elevator.0.35": 1.0},
+    ),
+    ({"name": "surface_offset", "control": "elevator", "offset": 0.04}, {"offset.elevator": 0.04}),
+    ({"name": "thrust_scale", "ratio": 0.8}, {"thrust": -0.2}),
+    ({"name": "thrust_offset", "z": 0.03, "tilt": 0.05, "torque": 0.01},
+     {"thrust_drop": 0.03, "thrust_tilt": 0.05, "torque": 0.01}),
+    ({"name": "drag_increase", "CX0": -0.012}, {"term.CX.1": -0.012}),
+    ({"name": "stall", "alpha_break": 0.12, "slope_loss": 0.6}, {"stall.0.12": 0.6}),
+    ({"name": "asymmetry", "Cl0": 0.008, "Cn0": -0.002}, {"term.Cl.1": 0.008, "term.Cn.1": -0.002}),
+    ({"name": "cross_coupling", "Cm_beta": 0.2, "Cl_alpha": 0.1},
+     {"term.Cm.beta": 0.2, "term.Cl.alpha": 0.1}),
+    ({"name": "aero_derivative", "derivative": "Cm.alpha", "ratio": 0.8},
+     {"derivative.Cm.alpha": -0.2}),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("effect", "wrong"), FLOWN, ids=lambda item: item.get("name", ""))
+def test_the_extended_file_is_the_aircraft_that_flew(aircraft, effect, wrong) -> None:
+    legs = plan.standard(aircraft)[:1]
+    flight = Flight(
+        believed=aircraft,
+        flown=aircraft,
+        legs=legs,
+        start=scenario.start(legs[0]),
+        wind=scenario.wind(0.0, 0.0, 0.0),
+        seed=1,
+    )
+    flew = catalogue.hide(flight, [Section("effect.toml", "", effect)]).flown
+    found = built(aircraft)
+    sizes = {name: (value, 0.0) for name, value in wrong.items()}
+    made = extended.corrected(aircraft, sizes, found.directions, {"elevator": 0.6})
+    flat, wanted = (_numbers(one) for one in (made, flew))
+    assert flat.keys() == wanted.keys()
+    for name, value in wanted.items():
+        np.testing.assert_allclose(flat[name], value, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def _numbers(aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """Every number of an aircraft but for sigmas, which only the finding side has."""
+    paths = jax.tree_util.tree_flatten_with_path(_plain(aircraft))[0]
+    return {
+        str(path): np.asarray(leaf, dtype=float)
+        for path, leaf in paths
+        if isinstance(leaf, (int, float)) and "sigma" not in str(path)
+    }
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in sorted(value.items())}
+    if hasattr(value, "__dataclass_fields__"):
+        return {key: _plain(getattr(value, key)) for key in value.__dataclass_fields__}
+    return value
+
+
+def coefficients(found: Quantities, along: dict[str, float], flow: dict[str, float]) -> np.ndarray:
+    """CX…Cn with the terms moved along quantities."""
+    models = {}
+    for name, model in found.aircraft.aerodynamics.items():
+        terms = dict(model.terms)
+        for quantity, size in along.items():
+            for path, weight in found.directions[quantity].items():
+                kind, coefficient, key = path.split(".", 2)
+                if kind == "aerodynamics" and coefficient == name:
+                    terms[key] = replace(terms[key], value=terms[key].value + size * weight)
+        models[name] = CoefficientModel(terms, model.tables)
+    values = {key: jnp.asarray(value) for key, value in flow.items()}
+    return np.array([float(aerodynamics.coefficient(models[name], values)) for name in models])
+
+
+def at(aircraft: Aircraft, **given: float) -> dict[str, float]:
+    flow = dict.fromkeys(("alpha", "beta", "phat", "qhat", "rhat", "alphadot_hat", "Tc"), 0.0)
+    flow |= {
+        "qbar": 230.0,
+        "V": 19.0,
+        "h_over_b": 9.0,
+        **dict.fromkeys(aircraft.control_names, 0.0),
+    }
+    return {**flow, **given}
+
+
+def test_propeller_wash_multiplies_the_tails_effect(aircraft) -> None:
+    found = built(aircraft)
+    flow = at(aircraft, Tc=0.1, elevator=0.1)
+    still = coefficients(found, {}, {**flow, "elevator": 0.0})
+    plain = coefficients(found, {}, flow) - still
+    washed = coefficients(found, {"wash": 0.5}, flow) - still
+    np.testing.assert_allclose(washed, plain * (1.0 + 4.0 * 0.5 * 0.1), rtol=1e-9, atol=1e-12)
+
+
+def test_bending_follows_the_logarithm_of_the_pressures_flown(aircraft) -> None:
+    found = built(aircraft)
+    reference = float(np.median(np.linspace(150.0, 350.0, 50)))
+    for qbar in (160.0, 240.0, 340.0):
+        flow = at(aircraft, elevator=0.1, qbar=qbar)
+        still = coefficients(found, {}, {**flow, "elevator": 0.0})
+        plain = coefficients(found, {}, flow) - still
+        bent = coefficients(found, {"aeroelastic.elevator": -0.3}, flow) - still
+        wanted = 1.0 - 0.3 * np.log2(qbar / reference)
+        large = np.abs(plain) > 1e-9
+        np.testing.assert_allclose(bent[large] / plain[large], wanted, atol=0.02)
+
+
+def test_the_ground_lifts_by_its_influence(aircraft) -> None:
+    found = built(aircraft)
+    names = list(found.aircraft.aerodynamics)
+    terms = aircraft.aerodynamics["CZ"].terms
+    for height in (0.05, 0.2, 0.5, 1.1):
+        flow = at(aircraft, alpha=0.05, h_over_b=height)
+        plain = coefficients(found, {}, flow)[names.index("CZ")]
+        near = coefficients(found, {"ground.lift": 0.3}, flow)[names.index("CZ")]
+        wing = terms["1"].value + 0.05 * terms["alpha"].value
+        share = float(quantities.influence(np.array([height]))[0])
+        assert near - plain == pytest.approx(0.3 * share * wing, abs=0.3 * 0.05 * abs(wing))

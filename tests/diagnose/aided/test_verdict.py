@@ -1,0 +1,103 @@
+"""Rankings of made-up information, and what may be said of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs_sysid.diagnose.aided import gain, verdict
+from gcs_sysid.diagnose.aided.evidence import Information, Posterior
+from gcs_sysid.diagnose.aided.ranking import Ranked, rank
+from tests.diagnose.aided.made_unknowns import EVERY, listed, told
+
+
+def judged(found: Information) -> tuple[verdict.Verdict, tuple[Ranked, ...]]:
+    ranked = rank(found, listed(), EVERY)
+    return verdict.judge(ranked, verdict.would_show(found, listed(), EVERY)), ranked
+
+
+def test_a_cause_is_named_with_its_size() -> None:
+    answer, ranked = judged(told({"cg": -0.1}))
+    assert answer.answer == "effect"
+    assert answer.best.names == ("cg_shift",)
+    [[estimate]] = answer.best.estimates
+    assert estimate.value == pytest.approx(-0.1, abs=4.0 * estimate.deviation)
+    assert sum(item.probability for item in ranked) == pytest.approx(1.0)
+
+
+def test_the_size_takes_in_what_ordinary_errors_explain() -> None:
+    """Half a cause and half an ordinary error of the same number are one departure."""
+    answer, _ = judged(told({"mass": 0.09, "departures.mass": 0.01}))
+    assert answer.best.names == ("mass",)
+    [[estimate]] = answer.best.estimates
+    assert estimate.value == pytest.approx(1.10, abs=4.0 * estimate.deviation)
+    assert estimate.deviation < 0.01
+
+
+def test_two_at_once_are_both_named() -> None:
+    answer, _ = judged(told({"mass": 0.12, "cg": 0.08}))
+    assert answer.answer == "effect"
+    assert set(answer.best.names) == {"mass", "cg_shift"}
+
+
+def test_nothing_wrong_is_called_so() -> None:
+    answer, ranked = judged(told({}))
+    assert answer.answer == "no_effect"
+    assert ranked[0].causes == ()
+
+
+def test_causes_with_one_signature_cannot_be_told_apart() -> None:
+    answer, _ = judged(told({"mass": 0.1}, alike=True))
+    assert answer.answer == "ambiguous"
+    assert {name for item in answer.indistinguishable for name in item.names} >= {
+        "mass",
+        "cg_shift",
+    }
+
+
+@pytest.mark.parametrize("alike", [False, True])
+def test_an_accusation_that_foretells_nothing_better_is_dropped(alike: bool) -> None:
+    answer, _ = judged(told({"mass": 0.1}, alike=alike))
+    assert answer.answer == ("ambiguous" if alike else "effect")
+    assert verdict.sustained(answer, 0.01) == answer
+    assert verdict.sustained(answer, float("nan")) == answer
+    dropped = verdict.sustained(answer, -0.01)
+    assert dropped.answer == "insufficient_data"
+    assert dropped.indistinguishable == ()
+
+
+def test_silence_needs_nothing_to_be_foretold_better() -> None:
+    answer, _ = judged(told({}))
+    assert verdict.sustained(answer, 0.0) == answer
+
+
+def test_a_flight_that_shows_nothing_is_no_proof_of_nothing() -> None:
+    found = told({})
+    faint = found.weighed(1e-6)
+    assert judged(found)[0].answer == "no_effect"
+    assert judged(faint)[0].answer == "insufficient_data"
+
+
+def test_a_true_cause_foretells_what_took_no_part_and_a_wrong_one_does_not() -> None:
+    fitted, apart = told({"cg": -0.1}), told({"cg": -0.1}).weighed(0.5)
+    mass, cg, _ = EVERY
+    assert gain.gained(fitted, apart, listed(), (cg,)) > 0.0
+    assert gain.gained(fitted, apart, listed(), (mass,)) < gain.gained(
+        fitted, apart, listed(), (cg,)
+    )
+    nothing = Information(0.0 * apart.gram, 0.0 * apart.score, 0.0)
+    assert np.isnan(gain.gained(fitted, nothing, listed(), (cg,)))
+
+
+def test_only_values_of_the_file_are_called_strained() -> None:
+    """A clean flight was denied its verdict over the bias of its own gyro."""
+    every = listed()
+    mean = np.zeros(len(every.names))
+    mean[every.names.index("aerodynamics.CZ.alpha")] = -1.75
+    mean[every.names.index("sensors.gyro_bias.0 #0")] = 0.05
+    best = Ranked((), 0.5, 0.9, 0.0, (), Posterior(mean, np.eye(mean.size), 0.0))
+    assert verdict.strained(every, best) == {"CZ.alpha": -3.5}
+    calm = replace(best, posterior=Posterior(0.1 * mean, np.eye(mean.size), 0.0))
+    assert verdict.strained(every, calm) == {}

@@ -1,0 +1,110 @@
+"""Departures from an aircraft file against the same file written otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gcs_sysid import aircraft_file, frames
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.model import departures, rigid_body
+from gcs_sysid.model.departures import Departures
+
+FILE = aircraft_file.load(
+    Path(__file__).resolve().parents[2] / "data" / "aircraft" / "ultra_stick_25e.toml"
+)
+STATE = rigid_body.State(
+    position=jnp.array([0.0, 0.0, -80.0]),
+    velocity=jnp.array([18.0, 2.0, 1.0]),
+    attitude=frames.quaternion_from_euler(jnp.array([0.2, 0.1, 0.4])),
+    rate=jnp.array([0.4, -0.3, 0.2]),
+)
+INPUTS = rigid_body.Inputs(
+    controls=dict.fromkeys(FILE.control_names, jnp.asarray(0.05)),
+    settings=jnp.array([0.6]),
+    wind=jnp.zeros(3),
+    gust_rate=jnp.zeros(3),
+    density=jnp.asarray(1.1),
+)
+NONE = departures.none(FILE, 0)
+
+
+def moved(by: Departures) -> np.ndarray:
+    values = departures.body(rigid_body.parameters(FILE), by)
+    found = rigid_body.derivative(FILE, values, STATE, INPUTS)
+    return np.concatenate([found.velocity, found.rate])
+
+
+def flown(aircraft: Aircraft) -> np.ndarray:
+    found = rigid_body.derivative(aircraft, rigid_body.parameters(aircraft), STATE, INPUTS)
+    return np.concatenate([found.velocity, found.rate])
+
+
+def engines(**changes: object) -> Aircraft:
+    return replace(FILE, propulsion=tuple(replace(one, **changes) for one in FILE.propulsion))
+
+
+def test_none_is_the_file() -> None:
+    np.testing.assert_allclose(moved(NONE), flown(FILE), rtol=1e-12)
+
+
+def test_mass_and_inertia() -> None:
+    body = FILE.mass
+    other = replace(FILE, mass=replace(body, mass=1.1 * body.mass, Iyy=0.8 * body.Iyy))
+    by = NONE._replace(mass=jnp.asarray(0.1), inertia=jnp.array([0.0, -0.2, 0.0]))
+    np.testing.assert_allclose(moved(by), flown(other), rtol=1e-12)
+
+
+def test_centre_of_gravity() -> None:
+    x, y, z = FILE.mass.cg
+    other = replace(FILE, mass=replace(FILE.mass, cg=(x + 0.02, y, z)))
+    np.testing.assert_allclose(moved(NONE._replace(cg=jnp.asarray(0.02))), flown(other), rtol=1e-12)
+    np.testing.assert_allclose(
+        departures.centre(FILE, NONE._replace(cg=jnp.asarray(0.02))), other.mass.cg
+    )
+
+
+def test_thrust() -> None:
+    one = FILE.propulsion[0]
+    stronger = tuple(tuple(0.8 * value for value in row) for row in one.thrust)
+    by = NONE._replace(thrust=jnp.asarray(-0.2))
+    np.testing.assert_allclose(moved(by), flown(engines(thrust=stronger)), rtol=1e-12)
+    x, y, z = one.position
+    by = NONE._replace(thrust_drop=jnp.asarray(0.05))
+    np.testing.assert_allclose(moved(by), flown(engines(position=(x, y, z + 0.05))), rtol=1e-12)
+
+
+def test_a_thrust_that_points_up_lifts() -> None:
+    up = moved(NONE._replace(thrust_tilt=jnp.asarray(0.1))) - moved(NONE)
+    force = frames.unrotate(STATE.attitude, jnp.asarray(up[:3]))
+    assert force[2] < 0.0
+    assert abs(force[0]) < 0.1 * abs(force[2])
+
+
+def test_shear_blows_along_the_wind_and_grows_with_height() -> None:
+    by = NONE._replace(shear=jnp.asarray(0.05))
+    wind = jnp.array([3.0, 4.0, 0.0])
+    more = departures.sheared(wind, by, jnp.asarray(20.0)) - wind
+    np.testing.assert_allclose(more, [0.6, 0.8, 0.0], atol=1e-6)
+
+
+def test_a_tilted_unit_sees_a_turned_vector() -> None:
+    """To first order the transpose of its rotation."""
+    by = NONE._replace(imu_tilt=jnp.array([0.01, -0.02, 0.005]))
+    turn = frames.exponential(by.imu_tilt)
+    vector = jnp.array([1.0, -2.0, 9.0])
+    np.testing.assert_allclose(
+        departures.turned(vector, by), frames.unrotate(turn, vector), atol=3e-3
+    )
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_every_moment_of_inertia_by_itself(axis: int) -> None:
+    name = ("Ixx", "Iyy", "Izz")[axis]
+    other = replace(FILE, mass=replace(FILE.mass, **{name: 1.3 * getattr(FILE.mass, name)}))
+    by = NONE._replace(inertia=jnp.zeros(3).at[axis].set(0.3))
+    np.testing.assert_allclose(moved(by), flown(other), rtol=1e-12)

@@ -1,0 +1,167 @@
+"""Passes about the filter's own predictions, on a flight made with the model's equations."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from gcs_sysid.estimate import intensities
+from gcs_sysid.estimate.intensities import Prior, Search
+from gcs_sysid.model.aided import Means
+from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
+from gcs_sysid.reconstruct.causal import More, Pass, Path
+from tests.estimate import test_filter_error as made
+
+EVERY = np.ones(made.COUNT, dtype=bool)
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(aided_smoother, "CHUNK", made.COUNT)
+    monkeypatch.setattr(intensities, "SAMPLE_ROWS", made.COUNT)
+
+
+@pytest.fixture(scope="module")
+def flight() -> made.Flight:
+    return made.made_flight()
+
+
+def settled(flight: made.Flight, means: Means, rounds: int = 4) -> Path:
+    """The path that the filter predicts."""
+    path = causal.along(flight.rows, flight.nominal, flight.beginning)
+    for _ in range(rounds):
+        rows = causal.joined(made.MODEL, means, made.unknowns(1.0).log_noise, path)
+        path, _, _ = causal.filtered(path, rows)
+    return path
+
+
+def passed(path: Path, means: Means, **asked: object) -> Pass:
+    return causal.passed(made.MODEL, means, made.unknowns(1.0).log_noise, path, EVERY, **asked)
+
+
+def test_a_settled_path_is_what_the_filter_predicts(flight) -> None:
+    """Its predictions deviate from it by nothing: the extended Kalman filter's fixed point."""
+    means = made.unknowns(1.0).means
+    path = settled(flight, means, rounds=6)
+    rows = causal.joined(made.MODEL, means, made.unknowns(1.0).log_noise, path)
+    _, _, steps = causal.filtered(path, rows)
+    assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-6
+
+
+def test_innovations_are_white_at_the_truth(flight) -> None:
+    done = passed(settled(flight, made.unknowns(1.0).means), made.unknowns(1.0).means)
+    seen = done.whitened[:, :6]
+    assert np.mean(seen**2) == pytest.approx(1.0, abs=0.1)
+    assert abs(np.mean(seen[1:] * seen[:-1])) < 0.06
+
+
+def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(flight) -> None:
+    """Along a parameter, gains and matrices held: differences of the filter's own innovations."""
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    flat, unravel = ravel_pytree(like.means)
+    rows = causal.joined(made.MODEL, like.means, like.log_noise, path)
+    done = passed(path, like.means)
+    for index in range(0, 9, 2):
+        size = 1e-5 * max(abs(float(flat[index])), 0.1)
+        whitened = []
+        for sign in (1.0, -1.0):
+            means = unravel(flat.at[index].add(sign * size))
+            moved = causal.joined(made.MODEL, means, like.log_noise, path)
+            held = [
+                one._replace(offset=other.offset, residual=other.residual)
+                for one, other in zip(rows, moved, strict=True)
+            ]
+            _, step = linear_filter.run(path.start, held[0])
+            whitened.append(np.asarray(step.whitened))
+        slope = (whitened[0] - whitened[1]) / (2.0 * size)
+        # Within a step Simpson's rule stands for the scheme's own four stages.
+        assert float(np.sum(slope**2)) == pytest.approx(done.told.matrix[index, index], rel=0.05)
+        score = -float(np.sum(slope * done.whitened))
+        assert score == pytest.approx(
+            done.told.score[index], abs=0.05 * np.sqrt(done.told.matrix[index, index])
+        )
+
+
+def test_what_is_not_asked_is_not_told_and_what_is_stays_the_same(flight) -> None:
+    means = made.unknowns(1.0).means
+    path = settled(flight, means)
+    whole = passed(path, means)
+    chosen = np.zeros(whole.told.score.size, dtype=bool)
+    chosen[[1, 4, 7]] = True
+    part = passed(path, means, chosen=chosen)
+    np.testing.assert_allclose(part.told.matrix[1, 4], whole.told.matrix[1, 4], rtol=1e-9)
+    np.testing.assert_allclose(part.told.score[chosen], whole.told.score[chosen], rtol=1e-9)
+    assert not part.told.score[~chosen].any()
+
+
+def test_rows_set_apart_and_rows_that_count_make_the_whole(flight) -> None:
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    half = np.arange(made.COUNT) < 150
+    parts = causal.passed(made.MODEL, like.means, like.log_noise, path, half)
+    whole = passed(path, like.means)
+    np.testing.assert_allclose(
+        parts.told.matrix + parts.apart.matrix, whole.told.matrix, rtol=1e-9, atol=1e-9
+    )
+    assert parts.told.count + parts.apart.count == whole.told.count
+    np.testing.assert_allclose(whole.blocks.sum(axis=0), whole.told.score, rtol=1e-6, atol=1e-6)
+
+
+def test_a_term_asked_beside_is_told_as_the_models_own(flight) -> None:
+    """Cm's slope in qhat is a parameter; asked for as one more term it must tell the same."""
+    means = made.unknowns(1.0).means
+    flat, _ = ravel_pytree(means)
+    keys = [(name, key) for name in sorted(made.TERMS) for key in sorted(made.TERMS[name])]
+    constant, slope = keys.index(("CZ", "1")), keys.index(("CZ", "alpha"))
+    path = settled(flight, means)
+    done = passed(path, means, more=More((("alpha",),), (constant,)))
+    assert done.told.score.size == flat.size + 1
+    assert done.told.matrix[-1, -1] == pytest.approx(done.told.matrix[slope, slope], rel=1e-3)
+    assert done.told.score[-1] == pytest.approx(done.told.score[slope], rel=1e-3, abs=1e-2)
+
+
+def test_the_slope_of_intensities_is_that_of_the_likelihood(flight) -> None:
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    flat, unravel = ravel_pytree(like.log_noise)
+    rows = causal.joined(made.MODEL, like.means, like.log_noise, path)
+    mechanics = [intensities._mechanics(made.MODEL, like.means, one) for one in path.chunks]
+    density, slope, _ = intensities._slope(like.log_noise, path, rows, mechanics)
+
+    def likelihood(values: np.ndarray) -> float:
+        moved = causal.joined(made.MODEL, like.means, unravel(values), path)
+        return float(linear_filter.likelihood(path.start, moved[0])[1])
+
+    assert density == pytest.approx(likelihood(flat), rel=1e-12)
+    scale = np.max(np.abs(slope))
+    for index in range(flat.size):
+        step = 1e-4
+        numeric = (likelihood(flat.at[index].add(step)) - likelihood(flat.at[index].add(-step))) / (
+            2.0 * step
+        )
+        # What the air's decay within a step does to the motion is left out.
+        assert slope[index] == pytest.approx(numeric, rel=0.02, abs=0.01 * scale)
+
+
+def test_intensities_three_times_too_large_come_down(flight) -> None:
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    wrong = like.log_noise._replace(
+        gyro=like.log_noise.gyro + np.log(3.0),
+        accelerometer=like.log_noise.accelerometer + np.log(3.0),
+    )
+    sigma = like.log_noise._replace(
+        **{name: jnp.ones_like(getattr(like.log_noise, name)) for name in ("gyro", "accelerometer")}
+    )
+    zeros = ravel_pytree(like.log_noise)[1](jnp.zeros(ravel_pytree(like.log_noise)[0].size))
+    held = zeros._replace(gyro=sigma.gyro, accelerometer=sigma.accelerometer)
+    search = Search(wrong)
+    for _ in range(8):
+        search = intensities.step(made.MODEL, like.means, path, Prior(wrong, held), search)
+    assert float(search.log_noise.gyro) == pytest.approx(float(like.log_noise.gyro), abs=0.1)
+    assert float(search.log_noise.accelerometer) == pytest.approx(
+        float(like.log_noise.accelerometer), abs=0.1
+    )
