@@ -19,9 +19,7 @@ from gcs_sysid.offline.flight import SERVO_STREAM
 from gcs_sysid.offline.investigation import Investigation
 
 
-def table(
-    found: Investigation, file: Aircraft, corrected: Aircraft
-) -> dict[str, Float[np.ndarray, " row"]]:
+def table(found: Investigation, file: Aircraft, corrected: Aircraft) -> dict[str, np.ndarray]:
     """Measured less predicted, sample by sample: by the file, and by the file put right.
 
     Args:

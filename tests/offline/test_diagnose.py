@@ -178,40 +178,6 @@ def test_findings_of_a_clean_flight_name_nobody(clean) -> None:
     assert text.splitlines()[-1].endswith("report.html")
 
 
-@pytest.mark.shared
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("case", "cause"), [("airspeed_scale", "airspeed_scale"), ("clean", None)])
-def test_flights_in_gusts_without_vanes_accuse_who_did_it_and_nobody_else(
-    shared: Path, tmp_path: Path, case: str, cause: str | None
-) -> None:
-    folder = shared / "cases" / case
-    found = diagnose.run(
-        [folder / "flight.tlog"],
-        aircraft=folder / "aircraft.toml",
-        model=None,
-        holdout=None,
-        vehicle=None,
-        segments=None,
-        out=tmp_path,
-        progress=silent,
-    )
-    assert sum(item["probability"] for item in found["ranking"]) <= 1.0 + 1e-9
-    assert (tmp_path / "report.html").stat().st_size > 1e5
-    if cause is None:
-        assert found["verdict"] == "no_effect"
-        assert found["effects"] == []
-        return
-    assert (found["verdict"], found["cause"]) == ("effect", cause)
-    estimate = found["ranking"][0]["parameters"]["airspeed_scale"]
-    size = json.loads((folder / "truth.json").read_text())["size"]
-    assert abs(estimate["value"] - size) < 3.0 * estimate["sd"]
-    assert estimate["sd"] < 0.01
-    assert found["gain"]["holdout_nlpd_after"] < found["gain"]["holdout_nlpd_before"]
-    extended = aircraft_file.load(tmp_path / "aircraft-extended.toml")
-    assert extended.pitot.error.scale[0] == pytest.approx(estimate["value"])
-
-
 def test_there_must_be_one_simulation_to_test(tmp_path) -> None:
     with pytest.raises(UsageError, match="either --aircraft FILE or --model DIR"):
         tested.load(None, None)
