@@ -93,18 +93,24 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         found.append(Finding("Fly next", _sentence(summary["separating_maneuver"])))
     gain = summary["gain"]
     if summary["explanation"]:
-        found.append(
-            Finding(
-                "Gain",
-                f"error on what took no part {number(gain['holdout_error_before'])} % before, "
-                f"{number(gain['holdout_error_after'])} % after.",
-            )
-        )
+        found.append(Finding("Gain", _gained(gain)))
     others = [item for item in summary["ranking"][1:4]]
     words = "; ".join(f"{_label(item)} {100.0 * item['probability']:.0f} %" for item in others)
     found.append(Finding("Else", f"{words}."))
     found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
+
+
+def _gained(gain: Mapping) -> str:
+    """What took no part, before and after: its error, or where a sensor was wrong its density."""
+    before, after = gain["holdout_error_before"], gain["holdout_error_after"]
+    if before != after:
+        return f"error on what took no part {number(before)} % before, {number(after)} % after."
+    nats = gain["holdout_nlpd_before"] - gain["holdout_nlpd_after"]
+    return (
+        f"what took no part is foretold better by {number(nats)} nat a measurement; its "
+        "coefficients are as they were, since it is not the aircraft that was wrong."
+    )
 
 
 def _said(summary: Mapping) -> str:
