@@ -28,7 +28,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import disguise
+from gcs_sysid.estimate import disguise, quasi_newton
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
@@ -287,15 +287,11 @@ def _corrected(
 
     The information leaves out what squares of innovations larger than their stated size add, and
     how intensities act together with the motion; without this the search swings from side to side.
-    One update of Broyden, Fletcher, Goldfarb and Shanno for every step of the stage (Nocedal &
-    Wright, *Numerical Optimization*, 2nd ed. 2006, eq. 6.19).
+    One update for every step of the stage.
     """
     matrix = curvature[np.ix_(free, free)]
-    for step, change in ((one[free], other[free]) for one, other in changes):
-        along = matrix @ step
-        before, after = step @ along, step @ change
-        if after > 0.01 * before:
-            matrix = matrix - np.outer(along, along) / before + np.outer(change, change) / after
+    for step, change in changes:
+        matrix = quasi_newton.updated(matrix, step[free], change[free])
     return matrix
 
 

@@ -4,8 +4,7 @@ Intensities enter the filter through the decay of the air and the covariances on
 of the aircraft contributes is worked out once for a path, and the gradient comes from the filter's
 adjoint through matrices that are cheap to make. Steps are those of Fisher scoring, with the
 information of the innovations' covariance, ½ tr(S⁻¹ ∂S S⁻¹ ∂S), on a stretch of the flight,
-corrected by how the slope has changed (Nocedal & Wright, *Numerical Optimization*, 2nd ed. 2006,
-eq. 6.19) and damped until the likelihood grows.
+corrected by how the slope has changed and damped until the likelihood grows.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
+from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, Row
@@ -95,7 +95,9 @@ def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Sea
         )
         information = information + np.diag(np.where(free, weight, 1.0))
     if search.before is not None:
-        information = _corrected(information, values - search.before[0], search.before[1] - slope)
+        information = quasi_newton.updated(
+            information, values - search.before[0], search.before[1] - slope
+        )
 
     def posterior(at: Float[np.ndarray, " intensity"]) -> float:
         moved = unravel(jnp.asarray(at))
@@ -125,18 +127,6 @@ def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Sea
         damping = max(6.0 * damping, 1e-2)
     # Nothing gained: from here the search begins anew, with fresh information.
     return Search(search.log_noise, gained=0.0)
-
-
-def _corrected(
-    information: Float[np.ndarray, "intensity intensity"],
-    move: Float[np.ndarray, " intensity"],
-    change: Float[np.ndarray, " intensity"],
-) -> Float[np.ndarray, "intensity intensity"]:
-    along = information @ move
-    before, after = move @ along, move @ change
-    if after <= 0.01 * before:
-        return information
-    return information - np.outer(along, along) / before + np.outer(change, change) / after
 
 
 def _slope(

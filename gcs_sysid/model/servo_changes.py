@@ -42,11 +42,6 @@ def offset(angle: float) -> Change:
     return lambda servo, share: replace(servo, offset=servo.offset + angle * share)
 
 
-def effectiveness(ratio: float) -> Change:
-    """The control moves by this share of what it is told."""
-    return lambda servo, share: replace(servo, effectiveness=servo.effectiveness * ratio)
-
-
 def changed(aircraft: Aircraft, control: str, change: Change) -> Aircraft:
     """The aircraft with every servo behind a control changed."""
     by_surface = shares(aircraft, control)

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.diagnose.aided import extended, verdict
 from gcs_sysid.diagnose.aided.cause import Candidate
 from gcs_sysid.diagnose.aided.ranking import Estimate, Ranked
 from gcs_sysid.diagnose.aided.unlisted import Missing
 from gcs_sysid.diagnose.aided.verdict import Verdict
+from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import advice, departed, investigation, summary
-from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.investigation import Investigation
 from gcs_sysid.offline.tested import Tested
 from gcs_sysid.reconstruct.segments import split
@@ -49,6 +50,7 @@ def diagnosed(
         RefusedError: the filter lost the aircraft.
     """
     fitted, held_out = _parts(flights, apart=apart)
+    aircraft, file = (_as_found(one, under.delay) for one in (aircraft, under.aircraft))
     found = investigation.investigate(aircraft, flights, fitted, held_out, progress)
     answer = verdict.judge(
         found.ranked, verdict.would_show(found.information, found.unknowns, found.candidates)
@@ -66,9 +68,7 @@ def diagnosed(
         answer = replace(answer, answer="insufficient_data")
     named = best if answer.answer in ("effect", "ambiguous") else None
     corrections = {} if named is None else wrong(found, named)
-    better = extended.corrected(
-        under.aircraft, corrections, found.quantities.directions, _limits(named)
-    )
+    better = extended.corrected(file, corrections, found.quantities.directions, _limits(named))
     progress("comparing before and after", 0.95)
     corrected = extended.corrected(
         aircraft, corrections, found.quantities.directions, _limits(named)
@@ -91,6 +91,14 @@ def diagnosed(
         "warnings": [*_warnings(flights, found, corrections), *_strained(strained)],
     }
     return document, table, better
+
+
+def _as_found(aircraft: Aircraft, delay: Delay | None) -> Aircraft:
+    """The aircraft with the surfaces' delay that an identified model was found with."""
+    if delay is None:
+        return aircraft
+    timing = StreamTiming(delay.value, delay.deviation or None)
+    return replace(aircraft, streams={**aircraft.streams, SERVO_STREAM: timing})
 
 
 def _parts(flights: Sequence[Flight], *, apart: bool) -> tuple[tuple[bool, ...], tuple[int, ...]]:

@@ -75,7 +75,7 @@ def flown(flights: Sequence[Flight], aircraft: Aircraft) -> Flown:
         qbar=np.concatenate([one.samples.qbar for one in flights]),
         lowest=height / aircraft.geometry.wing_span,
         rates=rates,
-        vanes=all("vanes" in one.reconstruction.data.used for one in flights),
+        streams=flights[0].reconstruction.data.used,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -79,10 +80,10 @@ def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(flight) ->
             whitened.append(np.asarray(step.whitened))
         slope = (whitened[0] - whitened[1]) / (2.0 * size)
         # Within a step Simpson's rule stands for the scheme's own four stages.
-        assert float(np.sum(slope**2)) == pytest.approx(done.told.matrix[index, index], rel=0.05)
+        assert float(np.sum(slope**2)) == pytest.approx(done.told.matrix[index, index], rel=0.01)
         score = -float(np.sum(slope * done.whitened))
         assert score == pytest.approx(
-            done.told.score[index], abs=0.05 * np.sqrt(done.told.matrix[index, index])
+            done.told.score[index], abs=0.02 * np.sqrt(done.told.matrix[index, index])
         )
 
 
@@ -137,14 +138,20 @@ def test_the_slope_of_intensities_is_that_of_the_likelihood(flight) -> None:
         return float(linear_filter.likelihood(path.start, moved[0])[1])
 
     assert density == pytest.approx(likelihood(flat), rel=1e-12)
-    scale = np.max(np.abs(slope))
-    for index in range(flat.size):
+    names = [
+        jax.tree_util.keystr(place)
+        for place, leaf in jax.tree_util.tree_flatten_with_path(like.log_noise)[0]
+        for _ in range(np.size(leaf))
+    ]
+    for index, name in enumerate(names):
         step = 1e-4
         numeric = (likelihood(flat.at[index].add(step)) - likelihood(flat.at[index].add(-step))) / (
             2.0 * step
         )
-        # What the air's decay within a step does to the motion is left out.
-        assert slope[index] == pytest.approx(numeric, rel=0.02, abs=0.01 * scale)
+        # How the air decays also moves the aircraft within a step; that is left out.
+        decays = "_time" in name or "coupling" in name
+        allowed = 1.0 if decays else 1e-3
+        assert slope[index] == pytest.approx(numeric, rel=1e-4, abs=allowed), name
 
 
 def test_intensities_three_times_too_large_come_down(flight) -> None:

@@ -15,10 +15,9 @@ from gcs_sysid.aircraft import (
     Value,
     Vector,
 )
-from gcs_sysid.diagnose.aided.quantities import IMU_STREAM, Direction
+from gcs_sysid.diagnose.aided.quantities import Direction
 from gcs_sysid.model import servo_changes
 
-SKEW = "skew."
 OUTSIDE = ("heading", "shear")
 """No word of an aircraft file: the one is the autopilot's, the other the day's."""
 
@@ -46,7 +45,10 @@ def corrected(
         elif kind in _OF_AXIS:
             aircraft = _OF_AXIS[kind](aircraft, int(which), value)
         elif kind == "skew":
-            aircraft = _late(aircraft, which, value, deviation)
+            inertial = "sensors.surface_delay" in directions[name] and len(directions[name]) > 1
+            streams = [other.partition(".")[2] for other in directions if other.startswith("skew.")]
+            early = [stream for stream in streams if stream != which] if inertial else [which]
+            aircraft = _late(aircraft, early, -value if inertial else value, deviation)
         elif kind == "rate_limit":
             control = which.partition(".")[0]
             change = servo_changes.rate_limit(limits[control])
@@ -167,13 +169,10 @@ def _vane_bias(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
     return replace(aircraft, vanes=replace(vanes, **{name: biased}))
 
 
-def _late(aircraft: Aircraft, stream: str, value: float, deviation: float) -> Aircraft:
-    """A stream that is late; where it is the inertial unit's, all the others are early."""
-    names = [stream]
-    if stream == IMU_STREAM:
-        names, value = ["SERVO_OUTPUT_RAW", "ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD"], -value
+def _late(aircraft: Aircraft, late: list[str], value: float, deviation: float) -> Aircraft:
+    """Streams later than the file says."""
     streams = dict(aircraft.streams)
-    for name in names:
+    for name in late:
         old = streams.get(name, StreamTiming())
         streams[name] = replace(old, delay=old.delay + value, sigma=deviation)
     return replace(aircraft, streams=streams)

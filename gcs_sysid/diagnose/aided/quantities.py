@@ -31,15 +31,14 @@ KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
 """Height over span below which a flight may show the ground's influence."""
-STREAMS: Mapping[str, tuple[str, ...]] = {
-    "SERVO_OUTPUT_RAW": ("sensors.surface_delay",),
-    "ATTITUDE": ("sensors.attitude_delay",),
-    "GLOBAL_POSITION_INT": ("sensors.velocity_delay",),
-    "VFR_HUD": ("sensors.airspeed_delay",),
+SERVO_STREAM = "SERVO_OUTPUT_RAW"
+DELAYS: Mapping[str, str] = {
+    "attitude": "sensors.attitude_delay",
+    "velocity": "sensors.velocity_delay",
+    "airspeed": "sensors.airspeed_delay",
+    "vanes": "sensors.vane_delay",
 }
-"""Delays by the message that a stream comes in."""
-IMU_STREAM = "RAW_IMU"
-"""All else is early when this one is late."""
+"""Delay of each group of sensors; the stream that it comes in is the flight's."""
 Direction = Mapping[str, float]
 
 
@@ -51,13 +50,13 @@ class Flown:
         qbar: dynamic pressures flown [Pa].
         lowest: least height over span.
         rates: fastest motion of each control, all but the extremes [rad/s].
-        vanes: whether flow vanes were recorded.
+        streams: message behind each group of sensors, and behind `gyro`.
     """
 
     qbar: Float[np.ndarray, " sample"]
     lowest: float
     rates: Mapping[str, float]
-    vanes: bool
+    streams: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -145,10 +144,14 @@ def build(aircraft: Aircraft, flown: Flown) -> Quantities:
         found[f"term.{coefficient}.{key}"] = {terms.name(coefficient, key): 1.0}
     for coefficient in COEFFICIENTS:
         terms.name(coefficient, regressors.CONSTANT)
-    late = dict.fromkeys((name for names in STREAMS.values() for name in names), -1.0)
-    found[f"skew.{IMU_STREAM}"] = late
-    for stream, names in STREAMS.items():
-        found[f"skew.{stream}"] = dict.fromkeys(names, 1.0)
+    late: dict[str, dict[str, float]] = {SERVO_STREAM: {"sensors.surface_delay": 1.0}}
+    for group, delay in DELAYS.items():
+        if group in flown.streams:
+            late.setdefault(flown.streams[group], {})[delay] = 1.0
+    # All else is early when the inertial unit is late.
+    early = {delay: -1.0 for delays in late.values() for delay in delays}
+    found |= {f"skew.{stream}": delays for stream, delays in late.items()}
+    found.setdefault(f"skew.{flown.streams['gyro']}", early)
     servos: list[tuple[Aircraft, float]] = []
     for index, control in enumerate(aircraft.control_names):
         own = list(terms.of(control))
@@ -182,7 +185,7 @@ def build(aircraft: Aircraft, flown: Flown) -> Quantities:
         name = terms.name("CZ", f"max(0, alpha - {knot:.4g})")
         found[f"stall.{knot:.4g}"] = {name: -slope}
     has = {"engine"} if aircraft.propulsion else set()
-    has |= {"vanes"} if flown.vanes else set()
+    has |= {"vanes"} if "vanes" in flown.streams else set()
     if flown.lowest < NEAR:
         has.add("ground")
         found |= _ground(terms)

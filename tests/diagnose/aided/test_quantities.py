@@ -38,8 +38,15 @@ def aircraft(request) -> Aircraft:
 def built(aircraft: Aircraft, *, low: bool = True) -> Quantities:
     rates = dict.fromkeys(aircraft.control_names, 2.0)
     lowest = 0.1 if low else 5.0
-    vanes = aircraft.vanes is not None
-    return quantities.build(aircraft, Flown(np.linspace(150.0, 350.0, 50), lowest, rates, vanes))
+    streams = {
+        "gyro": "RAW_IMU",
+        "attitude": "ATTITUDE",
+        "velocity": "GLOBAL_POSITION_INT",
+        "airspeed": "SCALED_PRESSURE",
+    }
+    if aircraft.vanes is not None:
+        streams["vanes"] = "AOA_SSA"
+    return quantities.build(aircraft, Flown(np.linspace(150.0, 350.0, 50), lowest, rates, streams))
 
 
 def means(found: Quantities) -> Means:
@@ -146,6 +153,22 @@ def test_the_extended_file_is_the_aircraft_that_flew(aircraft, effect, wrong) ->
     assert flat.keys() == wanted.keys()
     for name, value in wanted.items():
         np.testing.assert_allclose(flat[name], value, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_a_late_stream_is_told_by_the_message_that_carried_it(aircraft) -> None:
+    found = built(aircraft)
+    made = extended.corrected(
+        aircraft, {"skew.SCALED_PRESSURE": (0.08, 0.01)}, found.directions, {}
+    )
+    assert {name: timing.delay for name, timing in made.streams.items()} == {
+        "SCALED_PRESSURE": 0.08
+    }
+    made = extended.corrected(aircraft, {"skew.RAW_IMU": (0.05, 0.01)}, found.directions, {})
+    others = {"SERVO_OUTPUT_RAW", "ATTITUDE", "GLOBAL_POSITION_INT", "SCALED_PRESSURE"}
+    others |= {"AOA_SSA"} if aircraft.vanes is not None else set()
+    assert {name: timing.delay for name, timing in made.streams.items()} == dict.fromkeys(
+        others, -0.05
+    )
 
 
 def _numbers(aircraft: Aircraft) -> dict[str, np.ndarray]:

@@ -1,0 +1,31 @@
+"""The update explains the last step and learns a quadratic."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs_sysid.estimate import quasi_newton
+
+RANDOM = np.random.default_rng(3)
+ROOT = RANDOM.standard_normal((4, 4))
+TRUE = ROOT @ ROOT.T + np.eye(4)
+
+
+def test_the_last_step_is_explained_and_the_curvature_stays_positive() -> None:
+    step = RANDOM.standard_normal(4)
+    found = quasi_newton.updated(np.eye(4), step, TRUE @ step)
+    np.testing.assert_allclose(found @ step, TRUE @ step)
+    assert np.linalg.eigvalsh(found)[0] > 0.0
+
+
+def test_conjugate_steps_learn_the_whole_of_a_quadratic() -> None:
+    _, vectors = np.linalg.eigh(TRUE)
+    found = np.eye(4)
+    for step in vectors.T:
+        found = quasi_newton.updated(found, step, TRUE @ step)
+    np.testing.assert_allclose(found, TRUE, atol=1e-12)
+
+
+def test_a_step_along_which_the_slope_fell_tells_nothing() -> None:
+    step = RANDOM.standard_normal(4)
+    np.testing.assert_array_equal(quasi_newton.updated(TRUE, step, -TRUE @ step), TRUE)
