@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+About = Literal["", "control", "stream", "derivative"]
 
 
 @dataclass(frozen=True)
@@ -12,11 +14,14 @@ class Parameter:
 
     Attributes:
         name: as reports and documents call it.
-        frees: the quantity of `motion.quantities`; `{control}` stands for a control's name.
+        frees: the quantity of `quantities`; `{about}` stands for what the cause is about, `{at}`
+            for where.
         nominal: its value where the cause is absent.
         sigma: one standard deviation of how far a cause of this kind takes it from there.
         matters: smallest change worth naming.
         unit: of all of these.
+        per: what `sigma` and `matters` are shares of, a key of `quantities.sizes`; "" for none.
+        expected: where the cause takes it; 0 where either sign is as likely.
     """
 
     name: str
@@ -25,6 +30,8 @@ class Parameter:
     sigma: float
     matters: float
     unit: str
+    per: str = ""
+    expected: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -35,37 +42,48 @@ class Cause:
         name: its identifier.
         parameters: what it frees.
         explanation: one line for an engineer; `{NAME}` is a parameter, `{change}` the first one's
-            change in percent, `{control}` the control.
+            change in percent, `{about}` what the cause is about.
         shown_by: what to fly to tell it from others.
-        of_control: whether it is about one control, and so counts once for each.
+        about: of what there are several, so that the cause counts once for each.
+        where: name of a parameter in which nothing is linear, such as where a stall begins: the
+            cause is tried at each of `places`.
+        places: values of that parameter.
+        where_unit: its unit.
+        where_per: what `places` are shares of, as for `Parameter.per`.
+        needs: what a flight must have for it, a key of `quantities.has`; "" for nothing.
+        weight: prior probability against other causes.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     explanation: str
     shown_by: str
-    of_control: bool = False
+    about: About = ""
+    where: str = ""
+    places: tuple[float, ...] = ()
+    where_unit: str = ""
+    where_per: str = ""
+    needs: str = ""
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cause, and the control it is about."""
+    """A cause, what it is about, and where it is tried."""
 
     cause: Cause
-    control: str | None = None
+    about: str = ""
+    at: float | None = None
 
     @property
     def frees(self) -> tuple[str, ...]:
         """Quantities set free."""
+        at = "" if self.at is None else f"{self.at:.4g}"
         return tuple(
-            parameter.frees.format(control=self.control) for parameter in self.cause.parameters
+            parameter.frees.format(about=self.about, at=at) for parameter in self.cause.parameters
         )
 
-
-def candidates(causes: Mapping[str, Cause], controls: tuple[str, ...]) -> tuple[Candidate, ...]:
-    """Every cause, once for each control where it is about one."""
-    return tuple(
-        Candidate(cause, control)
-        for cause in causes.values()
-        for control in (controls if cause.of_control else (None,))
-    )
+    @property
+    def label(self) -> str:
+        """The cause, and what it is about, in words."""
+        return f"{self.cause.name} {self.about}".rstrip()

@@ -6,10 +6,10 @@ A hypothesis is a set of σ_j: a quantity of σ 0 is known. With G = XᵀX, b = 
 the marginal likelihood in closed form is (Rasmussen & Williams, *Gaussian Processes for Machine
 Learning*, 2006, eq. 2.30, by the matrix inversion lemma)
 
-    log p(y) = -½ (yᵀy - bᵀ D Λ⁻¹ D b) - ½ log|Λ| - ½ n log 2π,   Λ = 1 + D G D
+    log p(y) = ½ bᵀ D Λ⁻¹ D b - ½ log|Λ| + what all hypotheses share,   Λ = 1 + D G D
 
 so that only G and b are needed, whatever the number of samples. It is the Laplace approximation,
-exact here.
+exact here. A prior mean m is taken off first: b − G m stands for b, and mᵀb − ½ mᵀG m is added.
 """
 
 from __future__ import annotations
@@ -27,28 +27,30 @@ class Information:
     Attributes:
         gram: XᵀX.
         score: Xᵀy.
-        energy: yᵀy.
         count: number of rows.
     """
 
     gram: Float[np.ndarray, "unknown unknown"]
     score: Float[np.ndarray, " unknown"]
-    energy: float
     count: float
 
     def plus(self, other: Information) -> Information:
         """Of independent data taken together."""
         return Information(
-            self.gram + other.gram,
-            self.score + other.score,
-            self.energy + other.energy,
-            self.count + other.count,
+            self.gram + other.gram, self.score + other.score, self.count + other.count
         )
+
+    def weighed(self, share: float) -> Information:
+        """Of which only a share is worth anything."""
+        return Information(share * self.gram, share * self.score, share * self.count)
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Mean and covariance of the unknowns under one hypothesis, and its log evidence [nat]."""
+    """Mean and covariance of the unknowns under one hypothesis, and its log evidence [nat].
+
+    The evidence is relative to that of nothing free.
+    """
 
     mean: Float[np.ndarray, " unknown"]
     covariance: Float[np.ndarray, "unknown unknown"]
@@ -59,28 +61,33 @@ def information(
     columns: Float[np.ndarray, "row unknown"], left: Float[np.ndarray, " row"]
 ) -> Information:
     """Of whitened rows: what is left by the file, and its change with each unknown."""
-    return Information(
-        columns.T @ columns, columns.T @ left, float(left @ left), float(left.shape[0])
-    )
+    return Information(columns.T @ columns, columns.T @ left, float(left.shape[0]))
 
 
-def posterior(data: Information, sigma: Float[np.ndarray, " unknown"]) -> Posterior:
+def posterior(
+    data: Information,
+    sigma: Float[np.ndarray, " unknown"],
+    mean: Float[np.ndarray, " unknown"] | None = None,
+) -> Posterior:
     """Posterior and evidence under one hypothesis.
 
     Args:
         data: what the rows say.
         sigma: prior standard deviation of each unknown, 0 where it is known.
+        mean: prior mean of each unknown; None for 0.
     """
-    scaled = sigma[:, None] * data.gram * sigma
-    factor = np.linalg.cholesky(np.eye(sigma.size) + scaled)
+    centre = np.zeros(sigma.size) if mean is None else mean
+    score = data.score - data.gram @ centre
+    shifted = float(centre @ data.score - 0.5 * centre @ data.gram @ centre)
+    free = np.flatnonzero(sigma)
+    size = sigma[free]
+    scaled = size[:, None] * data.gram[np.ix_(free, free)] * size
+    factor = np.linalg.cholesky(np.eye(free.size) + scaled)
     inverse = np.linalg.inv(factor)
-    whitened = inverse @ (sigma * data.score)
-    spread = sigma[:, None] * inverse.T
-    explained = float(whitened @ whitened)
-    determinant = 2.0 * float(np.sum(np.log(np.diagonal(factor))))
-    constant = data.count * np.log(2.0 * np.pi)
-    return Posterior(
-        mean=spread @ whitened,
-        covariance=spread @ spread.T,
-        log_evidence=float(-0.5 * (data.energy - explained + determinant + constant)),
-    )
+    whitened = inverse @ (size * score[free])
+    spread = size[:, None] * inverse.T
+    found, covariance = centre.copy(), np.zeros((sigma.size, sigma.size))
+    found[free] += spread @ whitened
+    covariance[np.ix_(free, free)] = spread @ spread.T
+    determinant = float(np.sum(np.log(np.diagonal(factor))))
+    return Posterior(found, covariance, 0.5 * float(whitened @ whitened) - determinant + shifted)

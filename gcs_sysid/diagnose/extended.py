@@ -2,32 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
-from gcs_sysid.aircraft import Aircraft, Control, Servo
+import numpy as np
+
+from gcs_sysid.aircraft import (
+    Aircraft,
+    CoefficientModel,
+    Control,
+    SensorError,
+    Servo,
+    StreamTiming,
+    Value,
+    Vector,
+)
+from gcs_sysid.model import servo_changes
+
+OUTSIDE = ("heading", "shear")
+"""No word of an aircraft file: the one is the autopilot's, the other the day's."""
 
 
-def corrected(aircraft: Aircraft, wrong: Mapping[str, tuple[float, float]]) -> Aircraft:
-    """The file with these quantities of `motion.quantities` as they were found.
+Direction = Mapping[str, float]
+"""Change of the flight model's parameters with one unit of a quantity."""
+
+
+def corrected(
+    aircraft: Aircraft,
+    wrong: Mapping[str, tuple[float, float]],
+    directions: Mapping[str, Direction] = MappingProxyType({}),
+    limits: Mapping[str, float] = MappingProxyType({}),
+) -> Aircraft:
+    """The file with what was found put right.
 
     Args:
         aircraft: the file.
         wrong: value and standard deviation of each quantity that is wrong.
+        directions: of quantities that are changes of the aerodynamics, or delays.
+        limits: rate limit found [rad/s], by control.
     """
     for name, (value, deviation) in wrong.items():
         kind, _, which = name.partition(".")
-        if kind == "mass":
-            aircraft = _mass(aircraft, value, deviation)
-        elif kind == "cg":
-            aircraft = _cg(aircraft, "xyz".index(which), value)
-        elif kind == "airspeed":
-            aircraft = _airspeed(aircraft, value, deviation)
+        if kind in OUTSIDE:
+            continue
+        if kind in _SIMPLE:
+            aircraft = _SIMPLE[kind](aircraft, value, deviation)
+        elif kind in _OF_AXIS:
+            aircraft = _OF_AXIS[kind](aircraft, int(which), value)
+        elif kind == "skew":
+            inertial = "sensors.surface_delay" in directions[name] and len(directions[name]) > 1
+            streams = [other.partition(".")[2] for other in directions if other.startswith("skew.")]
+            early = [stream for stream in streams if stream != which] if inertial else [which]
+            aircraft = _late(aircraft, early, -value if inertial else value, deviation)
+        elif kind == "rate_limit":
+            control = which.partition(".")[0]
+            change = servo_changes.rate_limit(limits[control])
+            aircraft = servo_changes.changed(aircraft, control, change)
+        elif kind in _OF_SERVO:
+            aircraft = servo_changes.changed(aircraft, which, _OF_SERVO[kind](value))
         elif kind == "effectiveness":
             aircraft = _effectiveness(aircraft, which, 1.0 + value)
+        elif name in directions:
+            aircraft = _terms(aircraft, directions[name], value, deviation)
         else:
             raise ValueError(f"`{name}` has no place in an aircraft file")
     return aircraft
+
+
+def _terms(aircraft: Aircraft, along: Direction, value: float, deviation: float) -> Aircraft:
+    """The aerodynamics moved along a direction, uncertain by its size."""
+    models = dict(aircraft.aerodynamics)
+    for name, weight in along.items():
+        kind, _, rest = name.partition(".")
+        if kind != "aerodynamics" or weight == 0.0:
+            continue
+        coefficient, _, key = rest.partition(".")
+        model = models.get(coefficient, CoefficientModel())
+        old = model.terms.get(key, Value(0.0, 0.0))
+        sigma = float(np.hypot(old.sigma, weight * deviation))
+        terms = {**model.terms, key: Value(old.value + weight * value, sigma)}
+        models[coefficient] = replace(model, terms=terms)
+    return replace(aircraft, aerodynamics=models)
 
 
 def _mass(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
@@ -36,18 +92,91 @@ def _mass(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
     return replace(aircraft, mass=replace(body, mass=body.mass * (1.0 + value), mass_sigma=sigma))
 
 
-def _cg(aircraft: Aircraft, axis: int, chords: float) -> Aircraft:
-    place = list(aircraft.mass.cg)
-    place[axis] += chords * aircraft.geometry.mean_chord
-    x, y, z = place
-    return replace(aircraft, mass=replace(aircraft.mass, cg=(x, y, z)))
+def _cg(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+    x, y, z = aircraft.mass.cg
+    place = (x + value * aircraft.geometry.mean_chord, y, z)
+    return replace(aircraft, mass=replace(aircraft.mass, cg=place))
 
 
-def _airspeed(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+def _airspeed_scale(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
     error = aircraft.pitot.error
     scale = (1.0 + error.scale[0]) * (1.0 + value) - 1.0
     changed = replace(error, scale=(scale,), scale_sigma=deviation)
     return replace(aircraft, pitot=replace(aircraft.pitot, error=changed))
+
+
+def _airspeed_lag(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+    error = aircraft.pitot.error
+    changed = replace(error, lag=max(error.lag + value, 0.0), lag_sigma=deviation)
+    return replace(aircraft, pitot=replace(aircraft.pitot, error=changed))
+
+
+def _thrust(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+    engines = tuple(
+        replace(
+            engine,
+            thrust=tuple(tuple((1.0 + value) * item for item in row) for row in engine.thrust),
+            thrust_sigma=deviation / (1.0 + value),
+        )
+        for engine in aircraft.propulsion
+    )
+    return replace(aircraft, propulsion=engines)
+
+
+def _thrust_drop(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+    engines = tuple(
+        replace(engine, position=_plus(engine.position, 2, value)) for engine in aircraft.propulsion
+    )
+    return replace(aircraft, propulsion=engines)
+
+
+def _thrust_tilt(aircraft: Aircraft, value: float, deviation: float) -> Aircraft:
+    cosine, sine = float(np.cos(value)), float(np.sin(value))
+    engines = []
+    for engine in aircraft.propulsion:
+        x, y, z = engine.axis
+        axis = (x * cosine + z * sine, y, z * cosine - x * sine)
+        engines.append(replace(engine, axis=axis))
+    return replace(aircraft, propulsion=tuple(engines))
+
+
+def _inertia(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    name = ("Ixx", "Iyy", "Izz")[axis]
+    moment = (1.0 + value) * getattr(aircraft.mass, name)
+    return replace(aircraft, mass=replace(aircraft.mass, **{name: moment}))
+
+
+def _accelerometer_bias(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    unit = aircraft.imu
+    error = replace(unit.accelerometer, bias=_plus(_three(unit.accelerometer.bias), axis, value))
+    return replace(aircraft, imu=replace(unit, accelerometer=error))
+
+
+def _gyro_scale(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    unit = aircraft.imu
+    error = replace(unit.gyro, scale=_plus(_three(unit.gyro.scale), axis, value))
+    return replace(aircraft, imu=replace(unit, gyro=error))
+
+
+def _imu_tilt(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    unit = aircraft.imu
+    tilt = _plus(unit.misalignment, axis, value)
+    return replace(aircraft, imu=replace(unit, misalignment=tilt))
+
+
+def _imu_position(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    unit = aircraft.imu
+    return replace(aircraft, imu=replace(unit, position=_plus(unit.position, axis, value)))
+
+
+def _vane_bias(aircraft: Aircraft, axis: int, value: float) -> Aircraft:
+    vanes = aircraft.vanes
+    if vanes is None:
+        return aircraft
+    name = ("alpha", "beta")[axis]
+    error: SensorError = getattr(vanes, name)
+    biased = replace(error, bias=(error.bias[0] + value,))
+    return replace(aircraft, vanes=replace(vanes, **{name: biased}))
 
 
 def _effectiveness(aircraft: Aircraft, control: str, ratio: float) -> Aircraft:
@@ -73,3 +202,48 @@ def _weakened(servo: Servo, ratio: float, mix: Mapping[str, float]) -> Servo:
     if servo.surface not in mix:
         return servo
     return replace(servo, effectiveness=ratio * servo.effectiveness)
+
+
+def _late(aircraft: Aircraft, late: list[str], value: float, deviation: float) -> Aircraft:
+    """Streams later than the file says."""
+    streams = dict(aircraft.streams)
+    for name in late:
+        old = streams.get(name, StreamTiming())
+        streams[name] = replace(old, delay=old.delay + value, sigma=deviation)
+    return replace(aircraft, streams=streams)
+
+
+def _plus(vector: Vector, axis: int, value: float) -> Vector:
+    moved = list(vector)
+    moved[axis] += value
+    x, y, z = moved
+    return x, y, z
+
+
+def _three(values: tuple[float, ...]) -> Vector:
+    x, y, z = values if len(values) == 3 else (values[0],) * 3
+    return x, y, z
+
+
+_SIMPLE: Mapping[str, Callable[[Aircraft, float, float], Aircraft]] = {
+    "mass": _mass,
+    "cg": _cg,
+    "airspeed": _airspeed_scale,
+    "airspeed_delay": _airspeed_lag,
+    "thrust": _thrust,
+    "thrust_drop": _thrust_drop,
+    "thrust_tilt": _thrust_tilt,
+}
+_OF_AXIS: Mapping[str, Callable[[Aircraft, int, float], Aircraft]] = {
+    "inertia": _inertia,
+    "accelerometer_bias": _accelerometer_bias,
+    "gyro_scale": _gyro_scale,
+    "imu_tilt": _imu_tilt,
+    "imu_position": _imu_position,
+    "vane_bias": _vane_bias,
+}
+_OF_SERVO: Mapping[str, Callable[[float], servo_changes.Change]] = {
+    "lag": lambda value: servo_changes.lag(max(value, 0.0)),
+    "backlash": lambda value: servo_changes.backlash(max(value, 0.0)),
+    "offset": servo_changes.offset,
+}

@@ -13,9 +13,10 @@ from gcs_sysid.diagnose import gain, joint, motion, unlisted, whitening
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.diagnose.gain import Score
+from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.observed import Observed
 from gcs_sysid.diagnose.problem import Problem
-from gcs_sysid.diagnose.ranking import Ranked, rank, sigma_under
+from gcs_sysid.diagnose.ranking import rank, sigma_under
 from gcs_sysid.diagnose.unknowns import Columns
 from gcs_sysid.diagnose.unlisted import Missing, Term
 from gcs_sysid.diagnose.whitening import Blocks, Noise
@@ -28,7 +29,6 @@ gusts of 4 to 5 % without any cause got Bayes factors of e⁸ to e¹⁹ against 
 kinematics say is used. With vanes even these are not: airspeed, gust and vanes partly explain each
 other there (a flight in gusts of 5 % without any cause: airspeed 7 % off at seven standard
 deviations)."""
-STRAIN = 3.0
 INCREDIBLE = 0.3
 """A scale error of airspeed beyond this is a reconstruction that went astray."""
 
@@ -171,20 +171,3 @@ def _products(
     values = np.zeros((found.shape[0], len(COEFFICIENTS), len(products)))
     values[:, row] = found
     return values
-
-
-def strained(columns: Columns, best: Ranked) -> dict[str, float]:
-    """Values of the file that had to go beyond `STRAIN` of their sigmas, the farthest first.
-
-    A file that had to be bent that far is not free of error, whatever the causes say. What belongs
-    to one flight, such as the bias of its accelerometer, is no value of the file.
-    """
-    sigma = np.where(columns.sigma > 0.0, columns.sigma, np.inf)
-    freed = {name for candidate in best.causes for name in candidate.frees}
-    bent = best.posterior.mean / sigma
-    listed = {
-        name: float(value)
-        for name, value in zip(columns.names, bent, strict=True)
-        if abs(value) > STRAIN and name not in freed and "#" not in name
-    }
-    return dict(sorted(listed.items(), key=lambda item: -abs(item[1])))

@@ -43,11 +43,10 @@ def stacked(problems: Sequence[Problem], every: Columns, used: Sequence[int]) ->
 def kinematics(problems: Sequence[Problem], every: Columns) -> Information:
     """What the kinematics alone say of the airspeed's scale error, flight by flight."""
     count = len(every.names)
-    gram, score, energy = np.zeros((count, count)), np.zeros(count), 0.0
+    gram, score = np.zeros((count, count)), np.zeros(count)
     index = every.names.index("airspeed")
     for problem in problems:
         weight = problem.airspeed_sigma**-2
         gram[index, index] += weight
         score[index] += weight * problem.airspeed
-        energy += weight * problem.airspeed**2
-    return Information(gram, score, energy, float(len(problems)))
+    return Information(gram, score, float(len(problems)))

@@ -4,55 +4,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.diagnose.cause import Candidate, Parameter
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, Posterior, posterior
+from gcs_sysid.diagnose.hypothesis import (
+    PRIOR_OF_NONE,
+    PRIOR_OF_ONE,
+    PRIOR_OF_TWO,
+    Estimate,
+    Ranked,
+)
 from gcs_sysid.diagnose.unknowns import Columns
-
-PRIOR_OF_NONE = 0.5
-PRIOR_OF_ONE = 0.4
-"""Shared by all causes, and by a cause's controls."""
-PRIOR_OF_TWO = 0.1
-"""Shared by all pairs."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter of a cause: its value and one standard deviation."""
-
-    parameter: Parameter
-    value: float
-    deviation: float
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One set of causes.
-
-    Attributes:
-        causes: what is wrong; empty where nothing is.
-        prior: its probability before the flights.
-        probability: after them.
-        log_bayes_factor: evidence against that of nothing being wrong [nat].
-        estimates: of the parameters, one tuple a cause.
-        posterior: of all unknowns.
-    """
-
-    causes: tuple[Candidate, ...]
-    prior: float
-    probability: float
-    log_bayes_factor: float
-    estimates: tuple[tuple[Estimate, ...], ...]
-    posterior: Posterior
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Identifiers of the causes."""
-        return tuple(candidate.cause.name for candidate in self.causes)
 
 
 def sigma_under(causes: Sequence[Candidate], columns: Columns) -> Float[np.ndarray, " unknown"]:
@@ -115,5 +80,19 @@ def _estimates(candidate: Candidate, found: Posterior, columns: Columns) -> tupl
         index = columns.names.index(name)
         deviation = float(np.sqrt(found.covariance[index, index]))
         value = parameter.nominal + float(found.mean[index])
-        estimates.append(Estimate(parameter, value, deviation))
+        estimates.append(
+            Estimate(parameter.name, value, deviation, parameter.unit, parameter.nominal)
+        )
     return tuple(estimates)
+
+
+def deviations(
+    data: Information, columns: Columns, candidates: Sequence[Candidate]
+) -> tuple[tuple[float, ...], ...]:
+    """For each cause, how well these flights would know its parameters, were it the only one."""
+    found = []
+    for candidate in candidates:
+        under = posterior(data, sigma_under((candidate,), columns))
+        places = [columns.names.index(name) for name in candidate.frees]
+        found.append(tuple(float(np.sqrt(under.covariance[i, i])) for i in places))
+    return tuple(found)

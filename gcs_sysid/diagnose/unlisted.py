@@ -30,7 +30,8 @@ class Term:
 class Missing:
     """A term that the residuals ask for, and the evidence for it [nat]."""
 
-    term: Term
+    coefficient: str
+    variables: tuple[str, ...]
     log_bayes_factor: float
 
 
@@ -79,4 +80,5 @@ def strongest(
     pull = sigma**2 * (missing.T @ rest) ** 2
     gain = 0.5 * pull / (1.0 + share) - 0.5 * np.log1p(share)
     best = int(np.argmax(gain))
-    return Missing(names[best], float(gain[best] + np.log(PRIOR / len(names))))
+    term = names[best]
+    return Missing(term.coefficient, term.variables, float(gain[best] + np.log(PRIOR / len(names))))

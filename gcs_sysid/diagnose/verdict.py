@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information, posterior
-from gcs_sysid.diagnose.ranking import Ranked, sigma_under
-from gcs_sysid.diagnose.unknowns import Columns
+from gcs_sysid.diagnose.hypothesis import Ranked
 
 Answer = Literal["effect", "no_effect", "ambiguous", "unlisted_effect", "insufficient_data"]
 
@@ -24,6 +23,8 @@ QUIET = 0.7
 """Probability of nothing being wrong from which a flight is called free of causes."""
 SHOWN = 3.0
 """A flight would show a cause of a size that matters if that is so many standard deviations."""
+STRAIN = 3.0
+"""A value of the file that had to go further than so many of its sigmas."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +55,18 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     return Verdict(answer, best, ())
 
 
-def sustained(answer: Verdict, *, before: float, after: float) -> Verdict:
-    """The verdict, unless it accuses and what took no part is foretold no better with it put right.
+def sustained(answer: Verdict, gained: float) -> Verdict:
+    """The verdict, unless it accuses and what took no part is foretold no better for it.
 
-    Something that no cause here stands for, as a servo that is late, is explained by those there
-    are only where it was fitted.
+    Something that no cause here stands for is explained by those there are only where it was
+    fitted.
 
     Args:
         answer: as the ranking has it.
-        before: negative log predictive density of what took no part, with the file as it is.
-        after: with the best set of causes put right.
+        gained: log predictive density that the causes gain on what took no part; nan where
+            nothing took none.
     """
-    if answer.answer not in ("effect", "ambiguous") or after < before:
+    if answer.answer not in ("effect", "ambiguous") or not gained <= 0.0:
         return answer
     return replace(answer, answer="insufficient_data", indistinguishable=())
 
@@ -73,25 +74,55 @@ def sustained(answer: Verdict, *, before: float, after: float) -> Verdict:
 def _rival(item: Ranked, best: Ranked) -> bool:
     """Whether a set that is not the best one with more added explains about as much."""
     more = set(best.causes) <= set(item.causes)
-    close = best.log_bayes_factor - item.log_bayes_factor < RIVAL
+    close = _support(best) - _support(item) < RIVAL
     return bool(item.causes) and not more and close and len(item.causes) <= len(best.causes)
 
 
+def _support(item: Ranked) -> float:
+    """Evidence and prior: one derivative among dozens has less of the latter."""
+    return item.log_bayes_factor + float(np.log(item.prior))
+
+
 def would_show(
-    data: Information, columns: Columns, candidates: Sequence[Candidate]
+    candidates: Sequence[Candidate],
+    deviations: Sequence[Sequence[float]],
+    sizes: Mapping[str, float],
 ) -> tuple[bool, ...]:
-    """For each cause, whether these flights would have shown one of a size that matters."""
-    found = []
-    for candidate in candidates:
-        under = posterior(data, sigma_under((candidate,), columns))
-        deviations = [
-            np.sqrt(under.covariance[index, index])
-            for index in (columns.names.index(name) for name in candidate.frees)
-        ]
-        found.append(
-            all(
-                SHOWN * deviation <= parameter.matters
-                for deviation, parameter in zip(deviations, candidate.cause.parameters, strict=True)
-            )
+    """For each cause, whether these flights would have shown one of a size that matters.
+
+    Args:
+        candidates: the causes; single derivatives, of which there are dozens, are left out.
+        deviations: how well the flights would know the parameters of each.
+        sizes: what `Parameter.matters` is a share of.
+    """
+    return tuple(
+        any(
+            SHOWN * deviation <= parameter.matters * sizes[parameter.per]
+            for deviation, parameter in zip(spread, candidate.cause.parameters, strict=True)
         )
-    return tuple(found)
+        for candidate, spread in zip(candidates, deviations, strict=True)
+        if candidate.cause.about != "derivative"
+    )
+
+
+def strained(
+    names: Sequence[str], sigma: Float[np.ndarray, " unknown"], best: Ranked
+) -> dict[str, float]:
+    """Values of the file that had to go beyond `STRAIN` of their sigmas, the farthest first.
+
+    A file that had to be bent that far is not free of error, whatever the causes say. What belongs
+    to one flight, such as the bias of its accelerometer, is no value of the file.
+
+    Args:
+        names: of the unknowns; those of one flight have a `#`.
+        sigma: ordinary standard deviation of each, 0 for what only causes free.
+        best: the hypothesis.
+    """
+    bent = best.posterior.mean / np.where(sigma > 0.0, sigma, np.inf)
+    freed = {name for candidate in best.causes for name in candidate.frees}
+    listed = {
+        name.removeprefix("aerodynamics."): float(value)
+        for name, value in zip(names, bent, strict=True)
+        if abs(value) > STRAIN and name not in freed and "#" not in name
+    }
+    return dict(sorted(listed.items(), key=lambda item: -abs(item[1])))

@@ -12,16 +12,16 @@ import numpy as np
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
-from gcs_sysid.diagnose import extended, gain, investigation, problem, verdict
-from gcs_sysid.diagnose.catalogue import CAUSES
-from gcs_sysid.diagnose.cause import Candidate, candidates
+from gcs_sysid.diagnose import extended, gain, investigation, problem, ranking, verdict
+from gcs_sysid.diagnose.catalogue import of_coefficients
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.gain import Score
+from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.investigation import Investigation
 from gcs_sysid.diagnose.observed import Observed
 from gcs_sysid.diagnose.problem import Problem
-from gcs_sysid.diagnose.ranking import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
-from gcs_sysid.diagnose.verdict import NAMED, Verdict
+from gcs_sysid.diagnose.verdict import NAMED
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.offline import (
     advice,
@@ -32,6 +32,7 @@ from gcs_sysid.offline import (
     summary,
     tested,
 )
+from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.identify import FLIGHT_IDS
 from gcs_sysid.offline.observed import observed
@@ -40,8 +41,8 @@ from gcs_sysid.reconstruct.segments import split
 
 SHORTEST = 15.0
 """Less flight [s] than this is not diagnosed."""
-LISTED = 12
-"""Sets of causes that the document lists."""
+ABSOLUTE = {"": 1.0}
+"""None of the causes that coefficients know has a size that is a share of something."""
 READING = 0.3
 """Share of the time that reading and reconstruction take."""
 
@@ -161,7 +162,7 @@ def _diagnosed(
             f"only {seconds:.0f} s of maneuvers take part, too little to know the noise from",
             fix=f"give {SHORTEST:.0f} s or more, or several logs",
         )
-    every = candidates(CAUSES, aircraft.control_names)
+    every = of_coefficients(aircraft.control_names)
     credible = investigation.credible(fit.seen)
     trusted = credible and investigation.trusted(fit.seen)
     notes: tuple[str, ...] = ()
@@ -179,9 +180,8 @@ def _diagnosed(
     if not apart:
         whole = (*fit.maneuvers, *judged.maneuvers)
         final = investigation.investigate(fit.problems, every, whole, coefficients=trusted)
-    answer = verdict.judge(
-        final.ranked, verdict.would_show(final.information, final.columns, every)
-    )
+    deviations = ranking.deviations(final.information, final.columns, every)
+    answer = verdict.judge(final.ranked, verdict.would_show(every, deviations, ABSOLUTE))
     same = next(item for item in fitted.ranked if item.causes == answer.best.causes)
     if trusted:
         before, after = investigation.scores(fitted, judged.problems, judged.maneuvers, same)
@@ -190,10 +190,13 @@ def _diagnosed(
         if "airspeed_scale" not in same.names:
             after = before
     if trusted:
-        answer = verdict.sustained(answer, before=before.nlpd, after=after.nlpd)
+        gained = before.nlpd - after.nlpd
+        # Where nothing took no part, nobody is accused.
+        answer = verdict.sustained(answer, gained if np.isfinite(gained) else 0.0)
     if not credible:
         answer = replace(answer, answer="insufficient_data", indistinguishable=())
-    strained = investigation.strained(final.columns, answer.best) if trusted else {}
+    columns = final.columns
+    strained = verdict.strained(columns.names, columns.sigma, answer.best) if trusted else {}
     if strained and answer.answer == "no_effect":
         answer = replace(answer, answer="insufficient_data")
     missing = None
@@ -207,8 +210,8 @@ def _diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **_verdict(answer, missing),
-        "ranking": [_ranked(item) for item in final.ranked[:LISTED]],
+        **entries.verdict(answer, missing),
+        "ranking": entries.ranking(final.ranked),
         "discrepancy": _discrepancy(final, fit.problems, corrections)
         if trusted
         else {"airspeed": {"before": 0.01 * before.error, "after": 0.01 * after.error}},
@@ -218,7 +221,7 @@ def _diagnosed(
             "holdout_error_before": before.error,
             "holdout_error_after": after.error,
         },
-        "detectable": _detectable(final, every),
+        "detectable": entries.detectable(every, deviations, ABSOLUTE),
         "strained": strained,
         "used": "coefficients and kinematics" if trusted else "kinematics",
         "maneuvers": summary.maneuvers(flights, judged.maneuvers),
@@ -227,11 +230,7 @@ def _diagnosed(
         "warnings": [
             *notes,
             *_warnings(flights, credible=credible, trusted=trusted),
-            *(
-                f"{name} had to go {abs(bent):.1f} of its sigmas from the file: it is wrong, or "
-                "something that no cause here stands for is"
-                for name, bent in strained.items()
-            ),
+            *entries.strained(strained),
         ],
     }
     built = (*fit.problems, *judged.problems) if apart else fit.problems
@@ -276,7 +275,8 @@ def _missing(
     asked = investigation.missing_term(
         aircraft, judged.seen, judged.problems, judged.maneuvers, again
     )
-    return found if asked.term == found.term and asked.log_bayes_factor > 0.0 else None
+    same = (asked.coefficient, asked.variables) == (found.coefficient, found.variables)
+    return found if same and asked.log_bayes_factor > 0.0 else None
 
 
 def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
@@ -288,72 +288,6 @@ def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
             deviation = float(np.sqrt(best.posterior.covariance[index, index]))
             values[name] = (float(best.posterior.mean[index]), deviation)
     return values
-
-
-def _verdict(answer: Verdict, missing: Missing | None) -> dict[str, Any]:
-    """The answer and what belongs to it, in the keys of the interface."""
-    best = answer.best
-    rivals = [name for item in answer.indistinguishable for name in item.names]
-    named = answer.answer in ("effect", "ambiguous")
-    return {
-        "verdict": answer.answer,
-        "cause": best.names[0] if named else "unlisted" if missing else "none",
-        "probability": best.probability,
-        "explanation": [_explained(one, own) for one, own in _pairs(best)] if named else [],
-        "indistinguishable": list(dict.fromkeys(rivals)),
-        "separating_maneuver": _separating(answer),
-        "effects": list(best.names) if named else ["unlisted"] if missing else [],
-        "unlisted": None
-        if missing is None
-        else {
-            "coefficient": missing.term.coefficient,
-            "depends_on": list(dict.fromkeys(missing.term.variables)),
-            "log_bayes_factor": missing.log_bayes_factor,
-        },
-    }
-
-
-def _pairs(item: Ranked) -> list[tuple[Candidate, tuple[Estimate, ...]]]:
-    return list(zip(item.causes, item.estimates, strict=True))
-
-
-def _explained(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
-    """The cause's line for an engineer, with its numbers."""
-    first = estimates[0]
-    values = {estimate.parameter.name: estimate.value for estimate in estimates}
-    change = 100.0 * (first.value - first.parameter.nominal)
-    return candidate.cause.explanation.format(
-        **values, change=change, control=candidate.control or ""
-    )
-
-
-def _separating(answer: Verdict) -> str | None:
-    """What to fly where causes cannot be told apart."""
-    if answer.answer != "ambiguous":
-        return None
-    causes = {one.cause.name: one.cause for item in answer.indistinguishable for one in item.causes}
-    return "; ".join(cause.shown_by for cause in causes.values())
-
-
-def _ranked(item: Ranked) -> dict[str, Any]:
-    parameters: dict[str, Any] = {}
-    for candidate, estimates in _pairs(item):
-        for estimate in estimates:
-            name = estimate.parameter.name
-            entry: dict[str, Any] = {
-                "value": estimate.value,
-                "sd": estimate.deviation,
-                "unit": estimate.parameter.unit,
-            }
-            if candidate.control is not None:
-                entry["control"] = candidate.control
-            parameters[name if name not in parameters else f"{name} {candidate.control}"] = entry
-    return {
-        "causes": list(item.names) or ["none"],
-        "probability": item.probability,
-        "log_bayes_factor": item.log_bayes_factor,
-        "parameters": parameters,
-    }
 
 
 def _discrepancy(
@@ -374,24 +308,6 @@ def _discrepancy(
         }
         for place, row in enumerate(problems[0].usable)
     }
-
-
-def _detectable(found: Investigation, every: Sequence[Candidate]) -> dict[str, dict[str, Any]]:
-    """How well these flights would know each cause's parameters, were it the only one."""
-    single = {item.causes[0]: item for item in found.ranked if len(item.causes) == 1}
-    listed = {}
-    for candidate in every:
-        estimates = single[candidate].estimates[0]
-        name = candidate.cause.name
-        listed[name if candidate.control is None else f"{name} {candidate.control}"] = {
-            estimate.parameter.name: {
-                "sd": estimate.deviation,
-                "matters": estimate.parameter.matters,
-                "unit": estimate.parameter.unit,
-            }
-            for estimate in estimates
-        }
-    return listed
 
 
 def _warnings(flights: Sequence[Flight], *, credible: bool, trusted: bool) -> list[str]:

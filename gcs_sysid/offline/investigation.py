@@ -15,14 +15,15 @@ import numpy as np
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
-from gcs_sysid.diagnose.aided.catalogue import CAUSES
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information
 from gcs_sysid.diagnose.aided.quantities import Quantities
-from gcs_sysid.diagnose.aided.ranking import Ranked, rank
+from gcs_sysid.diagnose.aided.ranking import rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
-from gcs_sysid.diagnose.aided.unlisted import Missing
-from gcs_sysid.diagnose.aided.verdict import NAMED
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information
+from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.diagnose.unlisted import Missing, terms
+from gcs_sysid.diagnose.verdict import NAMED
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
@@ -193,8 +194,8 @@ def _missing(
 ) -> Missing | None:
     """A term that nothing in the catalogue stands for."""
     controls = found.aircraft.control_names
-    terms = unlisted.products(controls)
-    more = unlisted.names(terms)
+    products = terms(controls)
+    more = unlisted.names(products)
     ordinary = beliefs.ordinary(names, found.aircraft, vanes="vanes" in found.has)
     listed = unknowns.of_flights(
         (*names, *more),
@@ -204,12 +205,12 @@ def _missing(
         len(subjects),
     )
     wide = [
-        settled.with_terms(model, one, last, names, terms)
+        settled.with_terms(model, one, last, names, products)
         for one, last in zip(subjects, done, strict=True)
     ]
     stretched = [settled.stretched(own, len(more)) for own in before]
     fitted, apart = _summed(listed, stretched, wide)
     samples = subjects[0].one.samples
-    sigma = unlisted.sizes(terms, samples.regressors, samples.measured)
-    missing = unlisted.strongest(fitted, apart, listed, best.causes, terms, sigma)
+    sigma = unlisted.sizes(products, samples.regressors, samples.measured)
+    missing = unlisted.strongest(fitted, apart, listed, best.causes, products, sigma)
     return missing if missing is not None and missing.log_bayes_factor >= NAMED else None

@@ -18,9 +18,9 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.diagnose.aided import beliefs, quantities
-from gcs_sysid.diagnose.aided.evidence import Information
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
+from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate import filter_error, settling
 from gcs_sysid.estimate.intensities import Prior

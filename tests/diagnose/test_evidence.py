@@ -15,10 +15,13 @@ SIGMA = np.array([1.0, 0.0, 2.0, 0.3])
 
 
 def test_evidence_is_the_density_of_the_data_under_the_prior() -> None:
+    """Relative to that of nothing free, also where the prior's mean is not zero."""
     covariance = np.eye(40) + (COLUMNS * SIGMA**2) @ COLUMNS.T
-    dense = stats.multivariate_normal(np.zeros(40), covariance).logpdf(LEFT)
-    found = posterior(information(COLUMNS, LEFT), SIGMA)
-    assert found.log_evidence == pytest.approx(dense, rel=1e-12)
+    fixed = stats.multivariate_normal(np.zeros(40), np.eye(40)).logpdf(LEFT)
+    for mean in (np.zeros(4), np.array([0.4, 0.7, 0.0, -0.1])):
+        dense = stats.multivariate_normal(COLUMNS @ mean, covariance).logpdf(LEFT)
+        found = posterior(information(COLUMNS, LEFT), SIGMA, mean)
+        assert found.log_evidence == pytest.approx(dense - fixed, rel=1e-10)
 
 
 def test_posterior_is_that_of_the_normal_equations() -> None:

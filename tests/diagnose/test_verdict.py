@@ -7,16 +7,17 @@ import pytest
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Control
-from gcs_sysid.diagnose import extended, investigation, unlisted, verdict
-from gcs_sysid.diagnose.catalogue import CAUSES
-from gcs_sysid.diagnose.cause import Candidate, candidates
+from gcs_sysid.diagnose import extended, unlisted, verdict
+from gcs_sysid.diagnose.catalogue import CAUSES, of_coefficients
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, Posterior, information, posterior
-from gcs_sysid.diagnose.ranking import Ranked, rank
+from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.diagnose.ranking import deviations, rank
 from gcs_sysid.diagnose.unknowns import Columns
 from gcs_sysid.diagnose.unlisted import Term
 from tests.offline.made_aircraft import small
 
-EVERY = candidates(CAUSES, ("elevator",))
+EVERY = of_coefficients(("elevator",))
 NAMES = ("mass", "cg.x", "airspeed", "effectiveness.elevator", "CZ.alpha")
 COLUMNS = Columns(NAMES, np.array([0.01, 0.01, 0.01, 0.0, 1.0]), np.zeros((0, 6, 5)))
 
@@ -32,12 +33,14 @@ def data(*, truth: dict[str, float], alike: bool = False) -> Information:
 
 def judged(found: Information) -> tuple[verdict.Verdict, tuple[Ranked, ...]]:
     ranked = rank(found, COLUMNS, EVERY)
-    return verdict.judge(ranked, verdict.would_show(found, COLUMNS, EVERY)), ranked
+    return verdict.judge(
+        ranked, verdict.would_show(EVERY, deviations(found, COLUMNS, EVERY), {"": 1.0})
+    ), ranked
 
 
 def test_every_control_has_its_own_effectiveness() -> None:
-    many = candidates(CAUSES, ("elevator", "aileron"))
-    controls = [item.control for item in many if item.cause.name == "surface_effectiveness"]
+    many = of_coefficients(("elevator", "aileron"))
+    controls = [item.about for item in many if item.cause.name == "surface_effectiveness"]
     assert controls == ["elevator", "aileron"]
     assert Candidate(CAUSES["surface_effectiveness"], "aileron").frees == ("effectiveness.aileron",)
 
@@ -76,20 +79,20 @@ def test_causes_with_one_signature_cannot_be_told_apart() -> None:
 def test_an_accusation_that_foretells_nothing_better_is_dropped(alike: bool) -> None:
     answer, _ = judged(data(truth={"mass": 0.1}, alike=alike))
     assert answer.answer == ("ambiguous" if alike else "effect")
-    assert verdict.sustained(answer, before=-3.6, after=-3.7) == answer
-    dropped = verdict.sustained(answer, before=-3.7, after=-3.6)
+    assert verdict.sustained(answer, 0.1) == answer
+    dropped = verdict.sustained(answer, -0.1)
     assert dropped.answer == "insufficient_data"
     assert dropped.indistinguishable == ()
 
 
 def test_silence_needs_nothing_to_be_foretold_better() -> None:
     answer, _ = judged(data(truth={}))
-    assert verdict.sustained(answer, before=-3.7, after=-3.7) == answer
+    assert verdict.sustained(answer, 0.0) == answer
 
 
 def test_a_flight_that_shows_nothing_is_no_proof_of_nothing() -> None:
     found = data(truth={})
-    faint = Information(1e-6 * found.gram, 1e-3 * found.score, found.energy, found.count)
+    faint = Information(1e-6 * found.gram, 1e-3 * found.score, found.count)
     answer, _ = judged(faint)
     assert answer.answer == "insufficient_data"
 
@@ -113,7 +116,7 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
     wider = np.column_stack([columns, extra[:, 1]])
     whole = posterior(information(wider, left), np.append(sigma, 0.7))
     expected = whole.log_evidence - found.log_evidence + np.log(unlisted.PRIOR / 2)
-    assert best.term == names[1]
+    assert (best.coefficient, best.variables) == ("Cn", ("qhat", "rudder"))
     assert best.log_bayes_factor == pytest.approx(expected, rel=1e-9)
 
 
@@ -164,4 +167,4 @@ def test_only_values_of_the_file_are_called_strained() -> None:
         posterior=Posterior(np.array([0.01, -3.5, 0.05, 0.0]), np.eye(4), 0.0),
     )
     columns = Columns(names, sigma, np.zeros((0, 6, 4)))
-    assert investigation.strained(columns, best) == {"CZ.alpha": -3.5}
+    assert verdict.strained(columns.names, columns.sigma, best) == {"CZ.alpha": -3.5}

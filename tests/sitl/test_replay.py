@@ -9,7 +9,7 @@ import pytest
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.catalogue import OF_COEFFICIENTS
 from gcs_sysid.offline import scenario as expectations
 from gcs_sysid.sitl import scenario
 from gcs_sysid.sitl.effects import catalogue
@@ -41,12 +41,12 @@ def test_flights_differ_in_seed_and_time(folder):
 
 
 def test_what_is_to_be_diagnosed_is_what_is_hidden(folder):
-    """Hidden causes that the catalogue has are named; of others nobody is accused."""
+    """In calm air the causes that coefficients know are named; of others nobody is accused."""
     expected = expectations.expected(folder).data.get("diagnose")
     if expected is None:
         return
     hidden = hidden_in(folder)
-    known = set(CAUSES) & set(hidden)
+    known = set(OF_COEFFICIENTS) & set(hidden)
     if not hidden:
         assert expected == {"verdict": "no_effect"}
     elif not known:

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information, posterior
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information, posterior
 
 
 def foretold(

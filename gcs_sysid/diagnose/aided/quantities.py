@@ -18,8 +18,9 @@ from jaxtyping import Float
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, Value
-from gcs_sysid.diagnose.aided.cause import Candidate, Cause
-from gcs_sysid.diagnose.aided.causes import actuator_rate_limit, stall
+from gcs_sysid.diagnose.cause import Candidate, Cause
+from gcs_sysid.diagnose.causes import actuator_rate_limit, stall
+from gcs_sysid.diagnose.extended import Direction
 from gcs_sysid.model import servo_changes
 from gcs_sysid.model.aided import Means
 
@@ -39,7 +40,6 @@ DELAYS: Mapping[str, str] = {
     "vanes": "sensors.vane_delay",
 }
 """Delay of each group of sensors; the stream that it comes in is the flight's."""
-Direction = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -120,14 +120,14 @@ def build(aircraft: Aircraft, flown: Flown) -> Quantities:
     terms = _Terms(aircraft)
     found: dict[str, Direction] = {
         "mass": {"departures.mass": 1.0},
-        "cg": {"departures.cg": aircraft.geometry.mean_chord},
+        "cg.x": {"departures.cg": aircraft.geometry.mean_chord},
         "thrust": {"departures.thrust": 1.0},
         "thrust_drop": {"departures.thrust_drop": 1.0},
         "thrust_tilt": {"departures.thrust_tilt": 1.0},
         "torque": {terms.name("Cl", "Tc"): 1.0},
         "heading": {"departures.heading": 1.0},
         "shear": {"departures.shear": 1.0},
-        "airspeed_scale": {"sensors.airspeed_scale": 1.0},
+        "airspeed": {"sensors.airspeed_scale": 1.0},
         "airspeed_delay": {"sensors.airspeed_delay": 1.0},
         "wash": _wash(terms),
     }

@@ -8,54 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information, Posterior, posterior
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information, Posterior, posterior
+from gcs_sysid.diagnose.hypothesis import (
+    PRIOR_OF_NONE,
+    PRIOR_OF_ONE,
+    PRIOR_OF_TWO,
+    Estimate,
+    Ranked,
+)
 
-PRIOR_OF_NONE = 0.5
-PRIOR_OF_ONE = 0.4
-"""Shared by all causes, and by all that a cause may be about."""
-PRIOR_OF_TWO = 0.08
-"""Shared by all pairs."""
 PAIRED = 12
 """So many of the best single causes are tried together with every other."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter of a cause: its value and one standard deviation."""
-
-    name: str
-    value: float
-    deviation: float
-    unit: str
-    nominal: float
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One set of causes.
-
-    Attributes:
-        causes: what is wrong; empty where nothing is.
-        prior: its probability before the flights.
-        probability: after them.
-        log_bayes_factor: evidence against that of nothing being wrong [nat].
-        estimates: of the parameters, one tuple a cause.
-        posterior: of all unknowns.
-    """
-
-    causes: tuple[Candidate, ...]
-    prior: float
-    probability: float
-    log_bayes_factor: float
-    estimates: tuple[tuple[Estimate, ...], ...]
-    posterior: Posterior
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Identifiers of the causes."""
-        return tuple(candidate.cause.name for candidate in self.causes)
 
 
 @dataclass(frozen=True)
@@ -165,3 +130,16 @@ def _estimates(one: _Tried, found: Posterior, unknowns: Unknowns) -> tuple[Estim
             Estimate(parameter.name, value, deviation, parameter.unit, parameter.nominal)
         )
     return tuple(estimates)
+
+
+def deviations(
+    data: Information, unknowns: Unknowns, candidates: Sequence[Candidate]
+) -> tuple[tuple[float, ...], ...]:
+    """For each cause, how well these flights would know its parameters, were it the only one."""
+    found = []
+    for candidate in candidates:
+        under = posterior(data, *unknowns.freed((candidate,)))
+        found.append(
+            tuple(unknowns.along(name, under.mean, under.covariance)[1] for name in candidate.frees)
+        )
+    return tuple(found)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information
-from gcs_sysid.diagnose.aided.quantities import Direction
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information
+from gcs_sysid.diagnose.extended import Direction
 
 OWN = ("sensors.gyro_bias", "sensors.accelerometer_bias")
 """What belongs to one flight."""

@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import COEFFICIENTS
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information, posterior
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
-
-VARIABLES = ("alpha", "beta", "phat", "qhat", "rhat", "Tc")
-SIZE = 0.5
-"""One sigma of a missing term: this share of the coefficient's own variation."""
-PRIOR = 0.05
-"""Probability that something unlisted is at work, shared by all terms looked for."""
-
-
-@dataclass(frozen=True)
-class Missing:
-    """A term that the residuals ask for, and the evidence for it [nat]."""
-
-    coefficient: str
-    variables: tuple[str, ...]
-    log_bayes_factor: float
-
-
-def products(controls: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Variables, and products of two, that a missing term may be made of."""
-    single = (*VARIABLES, *controls)
-    return tuple((name,) for name in single) + tuple(
-        itertools.combinations_with_replacement(single, 2)
-    )
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information, posterior
+from gcs_sysid.diagnose.unlisted import PRIOR, SIZE, Missing
 
 
 def names(terms: Sequence[tuple[str, ...]]) -> tuple[str, ...]:

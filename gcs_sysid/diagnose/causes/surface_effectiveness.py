@@ -5,12 +5,10 @@ from gcs_sysid.diagnose.cause import Cause, Parameter
 CAUSE = Cause(
     name="surface_effectiveness",
     parameters=(
-        Parameter(
-            "ratio", "effectiveness.{control}", nominal=1.0, sigma=0.3, matters=0.2, unit="1"
-        ),
+        Parameter("ratio", "effectiveness.{about}", nominal=1.0, sigma=0.3, matters=0.2, unit="1"),
     ),
-    explanation="the {control} has {ratio:.2f} of the effect that its file says, in forces and "
+    explanation="the {about} has {ratio:.2f} of the effect that its file says, in forces and "
     "moments alike: look for a loose linkage, a wrong horn or throw, or a gap",
     shown_by="short pulses on each control alone, added after the autopilot",
-    of_control=True,
+    about="control",
 )

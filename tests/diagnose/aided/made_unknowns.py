@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.catalogue import CAUSES
-from gcs_sysid.diagnose.aided.cause import Candidate
-from gcs_sysid.diagnose.aided.evidence import Information
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information, information
 
 PARAMETERS = ("aerodynamics.CZ.alpha", "departures.mass", "departures.cg", "sensors.gyro_bias.0")
 ORDINARY = np.array([0.5, 0.01, 0.002, 0.01])
 QUANTITIES = {
     "mass": {"departures.mass": 1.0},
-    "cg": {"departures.cg": 0.2},
-    "airspeed_scale": {"departures.mass": 0.5, "aerodynamics.CZ.alpha": 1.0},
+    "cg.x": {"departures.cg": 0.2},
+    "airspeed": {"departures.mass": 0.5, "aerodynamics.CZ.alpha": 1.0},
 }
 EVERY = tuple(Candidate(CAUSES[name]) for name in ("mass", "cg_shift", "airspeed_scale"))
 
 
 def listed(flights: int = 1) -> unknowns.Unknowns:
     return unknowns.of_flights(PARAMETERS, ORDINARY, QUANTITIES, {"": 1.0}, flights)
-
-
-def whitened(
-    columns: Float[np.ndarray, "row unknown"], left: Float[np.ndarray, " row"]
-) -> Information:
-    return Information(columns.T @ columns, columns.T @ left, float(left.size))
 
 
 def told(truth: dict[str, float], *, alike: bool = False, clear: float = 30.0) -> Information:
@@ -39,4 +32,4 @@ def told(truth: dict[str, float], *, alike: bool = False, clear: float = 30.0) -
     every = listed()
     wide = columns @ np.concatenate([np.eye(len(PARAMETERS)), every.directions], axis=1)
     wrong = np.array([truth.get(name, 0.0) for name in every.names])
-    return whitened(wide, wide @ wrong + random.standard_normal(300))
+    return information(wide, wide @ wrong + random.standard_normal(300))

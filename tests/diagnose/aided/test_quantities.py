@@ -18,9 +18,10 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft, CoefficientModel
 from gcs_sysid.aircraft_toml.section import Section
-from gcs_sysid.diagnose.aided import beliefs, extended, quantities
-from gcs_sysid.diagnose.aided.catalogue import CAUSES
+from gcs_sysid.diagnose import extended
+from gcs_sysid.diagnose.aided import beliefs, quantities
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
+from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.model import aerodynamics, departures
 from gcs_sysid.model.aided import Means, Sensors
 from gcs_sysid.sitl import plan, scenario
@@ -102,10 +103,10 @@ def test_what_only_causes_free_is_held_otherwise(aircraft) -> None:
 
 FLOWN = (
     ({"name": "mass", "mass_ratio": 1.1}, {"mass": 0.1}),
-    ({"name": "cg_shift", "cg_x_chord": -0.05}, {"cg": -0.05}),
+    ({"name": "cg_shift", "cg_x_chord": -0.05}, {"cg.x": -0.05}),
     ({"name": "inertia", "Iyy_ratio": 1.2, "Izz_ratio": 0.9},
      {"inertia.1": 0.2, "inertia.2": -0.1}),
-    ({"name": "airspeed_scale", "airspeed_scale": 0.06}, {"airspeed_scale": 0.06}),
+    ({"name": "airspeed_scale", "airspeed_scale": 0.06}, {"airspeed": 0.06}),
     ({"name": "pitot_lag", "pitot_lag": 0.2}, {"airspeed_delay": 0.2}),
     ({"name": "accelerometer_bias", "bias_y": 0.4}, {"accelerometer_bias.1": 0.4}),
     ({"name": "gyro_scale", "scale_z": 0.03}, {"gyro_scale.2": 0.03}),

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unlisted
-from gcs_sysid.diagnose.aided.evidence import posterior
 from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
-from tests.diagnose.aided.made_unknowns import ORDINARY, PARAMETERS, QUANTITIES, listed, whitened
+from gcs_sysid.diagnose.evidence import information, posterior
+from gcs_sysid.diagnose.unlisted import PRIOR
+from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
+from tests.diagnose.aided.made_unknowns import ORDINARY, PARAMETERS, QUANTITIES, listed
 
 
 def test_flights_share_the_aircraft_and_own_their_gyros() -> None:
@@ -36,7 +38,7 @@ def test_two_flights_know_what_their_rows_together_know() -> None:
     found = posterior(parts[0].plus(parts[1]), two.sigma)
     whole = np.zeros((60, two.parameters))
     whole[:30, two.own[0]], whole[30:, two.own[1]] = halves
-    dense = posterior(whitened(whole, np.concatenate(left)), two.sigma[: two.parameters])
+    dense = posterior(information(whole, np.concatenate(left)), two.sigma[: two.parameters])
     assert found.log_evidence == pytest.approx(dense.log_evidence, rel=1e-9)
     np.testing.assert_allclose(found.mean[: two.parameters], dense.mean, atol=1e-12)
 
@@ -44,17 +46,17 @@ def test_two_flights_know_what_their_rows_together_know() -> None:
 def test_a_quantity_moves_the_parameters_of_every_flight() -> None:
     two = listed(2)
     values = np.zeros(len(two.names))
-    values[two.names.index("cg")] = -0.5
+    values[two.names.index("cg.x")] = -0.5
     for number in range(2):
         np.testing.assert_allclose(two.in_flight(number, values), [0.0, 0.0, -0.1, 0.0])
-    moved, deviation = two.along("cg", values, np.eye(values.size))
+    moved, deviation = two.along("cg.x", values, np.eye(values.size))
     assert moved == pytest.approx(-0.5)
     assert deviation == pytest.approx(np.hypot(1.0, 1.0 / 0.2))
 
 
 def test_a_missing_term_is_found_by_its_evidence() -> None:
     """The gain of one more unknown is the difference of two full evidences."""
-    terms = unlisted.products(())[:2]
+    terms = unlisted_terms(())[:2]
     names = unlisted.names(terms)
     every = of_flights(
         (*PARAMETERS, *names),
@@ -68,19 +70,17 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
     wide = columns @ np.concatenate([np.eye(every.parameters), every.directions], axis=1)
     hidden = len(PARAMETERS) + 2 * len(terms) + 1
     left = 0.8 * columns[:, hidden] + random.standard_normal(200)
-    data, sigma = whitened(wide, left), np.full(len(names), 0.7)
+    data, sigma = information(wide, left), np.full(len(names), 0.7)
     best = unlisted.strongest(data, data.weighed(0.0), every, (), terms, sigma)
     freed = every.sigma.copy()
     freed[hidden] = 0.7
     gained = posterior(data, freed).log_evidence - posterior(data, every.sigma).log_evidence
     assert best is not None
     assert (best.coefficient, best.variables) == ("CZ", terms[1])
-    assert best.log_bayes_factor == pytest.approx(
-        gained + np.log(unlisted.PRIOR / len(names)), rel=1e-9
-    )
-    against = whitened(wide, -left)
+    assert best.log_bayes_factor == pytest.approx(gained + np.log(PRIOR / len(names)), rel=1e-9)
+    against = information(wide, -left)
     assert unlisted.strongest(data, against, every, (), terms, sigma) is not None
-    elsewhere = whitened(wide, random.standard_normal(200))
+    elsewhere = information(wide, random.standard_normal(200))
     kept = unlisted.strongest(data, elsewhere, every, (), terms, sigma)
     asked = freed.copy()
     alone = (

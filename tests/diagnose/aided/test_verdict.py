@@ -7,19 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_sysid.diagnose.aided import gain, verdict
-from gcs_sysid.diagnose.aided.evidence import Information, Posterior
-from gcs_sysid.diagnose.aided.ranking import Ranked, rank
+from gcs_sysid.diagnose import verdict
+from gcs_sysid.diagnose.aided import gain
+from gcs_sysid.diagnose.aided.ranking import deviations, rank
+from gcs_sysid.diagnose.evidence import Information, Posterior
+from gcs_sysid.diagnose.hypothesis import Ranked
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 
 
 def judged(found: Information) -> tuple[verdict.Verdict, tuple[Ranked, ...]]:
     ranked = rank(found, listed(), EVERY)
-    return verdict.judge(ranked, verdict.would_show(found, listed(), EVERY)), ranked
+    shown = verdict.would_show(EVERY, deviations(found, listed(), EVERY), listed().sizes)
+    return verdict.judge(ranked, shown), ranked
 
 
 def test_a_cause_is_named_with_its_size() -> None:
-    answer, ranked = judged(told({"cg": -0.1}))
+    answer, ranked = judged(told({"cg.x": -0.1}))
     assert answer.answer == "effect"
     assert answer.best.names == ("cg_shift",)
     [[estimate]] = answer.best.estimates
@@ -37,7 +40,7 @@ def test_the_size_takes_in_what_ordinary_errors_explain() -> None:
 
 
 def test_two_at_once_are_both_named() -> None:
-    answer, _ = judged(told({"mass": 0.12, "cg": 0.08}))
+    answer, _ = judged(told({"mass": 0.12, "cg.x": 0.08}))
     assert answer.answer == "effect"
     assert set(answer.best.names) == {"mass", "cg_shift"}
 
@@ -81,7 +84,7 @@ def test_a_flight_that_shows_nothing_is_no_proof_of_nothing() -> None:
 
 
 def test_a_true_cause_foretells_what_took_no_part_and_a_wrong_one_does_not() -> None:
-    fitted, apart = told({"cg": -0.1}), told({"cg": -0.1}).weighed(0.5)
+    fitted, apart = told({"cg.x": -0.1}), told({"cg.x": -0.1}).weighed(0.5)
     mass, cg, _ = EVERY
     assert gain.gained(fitted, apart, listed(), (cg,)) > 0.0
     assert gain.gained(fitted, apart, listed(), (mass,)) < gain.gained(
@@ -98,6 +101,6 @@ def test_only_values_of_the_file_are_called_strained() -> None:
     mean[every.names.index("aerodynamics.CZ.alpha")] = -1.75
     mean[every.names.index("sensors.gyro_bias.0 #0")] = 0.05
     best = Ranked((), 0.5, 0.9, 0.0, (), Posterior(mean, np.eye(mean.size), 0.0))
-    assert verdict.strained(every, best) == {"CZ.alpha": -3.5}
+    assert verdict.strained(every.names, every.sigma, best) == {"CZ.alpha": -3.5}
     calm = replace(best, posterior=Posterior(0.1 * mean, np.eye(mean.size), 0.0))
-    assert verdict.strained(every, calm) == {}
+    assert verdict.strained(every.names, every.sigma, calm) == {}

@@ -1,6 +1,6 @@
 """A control follows its command more slowly than the file says."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="actuator_lag",

@@ -1,6 +1,6 @@
 """The inertial unit sits elsewhere."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="imu_position",

@@ -1,6 +1,6 @@
 """Sideslip pitches the aircraft, or angle of attack rolls it."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="cross_coupling",

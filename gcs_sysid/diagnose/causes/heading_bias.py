@@ -1,6 +1,6 @@
 """The heading is off by a constant, so that the wind seems to turn with the aircraft."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="heading_bias",

@@ -1,6 +1,6 @@
 """The airspeed lags behind, as with a long tube."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="pitot_lag",

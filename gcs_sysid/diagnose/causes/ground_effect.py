@@ -1,6 +1,6 @@
 """Near the ground lift, drag and moment change."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="ground_effect",

@@ -1,6 +1,6 @@
 """There is more drag than the file says, at all angles."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="drag_increase",

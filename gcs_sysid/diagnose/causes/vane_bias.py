@@ -1,6 +1,6 @@
 """The flow vanes read a constant too much or too little."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="vane_bias",

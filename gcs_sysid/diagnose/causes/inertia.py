@@ -1,6 +1,6 @@
 """Moments of inertia are not what the file says."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="inertia",

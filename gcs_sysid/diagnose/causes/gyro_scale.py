@@ -1,6 +1,6 @@
 """The gyros read a constant factor too much or too little."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="gyro_scale",

@@ -1,6 +1,6 @@
 """The aircraft is not symmetric: a twisted wing, a bent fin."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="asymmetry",

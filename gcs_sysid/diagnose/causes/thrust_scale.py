@@ -1,6 +1,6 @@
 """The engine gives more or less thrust than the file says."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="thrust_scale",

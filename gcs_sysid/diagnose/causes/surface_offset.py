@@ -1,6 +1,6 @@
 """A control stands elsewhere when told to stand at zero."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="surface_offset",

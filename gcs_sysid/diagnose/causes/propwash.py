@@ -1,6 +1,6 @@
 """The propeller's stream makes the tail more effective."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="propwash",

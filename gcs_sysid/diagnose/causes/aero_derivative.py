@@ -1,6 +1,6 @@
 """One derivative of the file is wrong, and nothing else explains it."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="aero_derivative",

@@ -1,6 +1,6 @@
 """The thrust acts elsewhere, points elsewhere, or its torque is not known."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="thrust_offset",

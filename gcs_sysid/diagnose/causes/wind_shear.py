@@ -1,6 +1,6 @@
 """The steady wind grows with height."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="wind_shear",

@@ -1,6 +1,6 @@
 """A control has play."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="actuator_backlash",

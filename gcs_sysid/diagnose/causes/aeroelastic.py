@@ -1,6 +1,6 @@
 """A control loses its effect with dynamic pressure."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="aeroelastic",

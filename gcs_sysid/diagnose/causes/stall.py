@@ -1,6 +1,6 @@
 """The wing loses lift slope beyond an angle of attack."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="stall",

@@ -1,6 +1,6 @@
 """What a message says was true before its time stamp."""
 
-from gcs_sysid.diagnose.aided.cause import Cause, Parameter
+from gcs_sysid.diagnose.cause import Cause, Parameter
 
 CAUSE = Cause(
     name="time_skew",

@@ -1,1 +1,0 @@
-"""Every cause that can be named, one file each."""

@@ -1,0 +1,115 @@
+"""Entries of `diagnosis.json` that are the same however causes were weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
+from gcs_sysid.diagnose.unlisted import Missing
+from gcs_sysid.diagnose.verdict import Verdict
+
+LISTED = 12
+"""Sets of causes that the document lists."""
+
+
+def verdict(answer: Verdict, missing: Missing | None) -> dict[str, Any]:
+    """The answer and what belongs to it, in the keys of the interface."""
+    best = answer.best
+    rivals = [name for item in answer.indistinguishable for name in item.names]
+    named = answer.answer in ("effect", "ambiguous")
+    return {
+        "verdict": answer.answer,
+        "cause": best.names[0] if named else "unlisted" if missing else "none",
+        "probability": best.probability,
+        "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
+        "indistinguishable": list(dict.fromkeys(rivals)),
+        "separating_maneuver": _separating(answer),
+        "effects": list(best.names) if named else ["unlisted"] if missing else [],
+        "unlisted": None
+        if missing is None
+        else {
+            "coefficient": missing.coefficient,
+            "depends_on": list(dict.fromkeys(missing.variables)),
+            "log_bayes_factor": missing.log_bayes_factor,
+        },
+    }
+
+
+def pairs(item: Ranked) -> list[tuple[Candidate, tuple[Estimate, ...]]]:
+    """Every cause of a set with the estimates of its parameters."""
+    return list(zip(item.causes, item.estimates, strict=True))
+
+
+def _explained(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
+    """The cause's line for an engineer, with its numbers."""
+    first = estimates[0]
+    values = {estimate.name: estimate.value for estimate in estimates}
+    change = 100.0 * (first.value - first.nominal)
+    return candidate.cause.explanation.format(**values, change=change, about=candidate.about)
+
+
+def _separating(answer: Verdict) -> str | None:
+    """What to fly where causes cannot be told apart."""
+    if answer.answer != "ambiguous":
+        return None
+    causes = {one.cause.name: one.cause for item in answer.indistinguishable for one in item.causes}
+    return "; ".join(cause.shown_by for cause in causes.values())
+
+
+def ranking(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
+    """The most probable sets of causes."""
+    return [_ranked(item) for item in ranked[:LISTED]]
+
+
+def _ranked(item: Ranked) -> dict[str, Any]:
+    parameters: dict[str, Any] = {}
+    for candidate, estimates in pairs(item):
+        for estimate in estimates:
+            entry: dict[str, Any] = {
+                "value": estimate.value,
+                "sd": estimate.deviation,
+                "unit": estimate.unit,
+            }
+            if candidate.about:
+                entry[candidate.cause.about] = candidate.about
+            name = estimate.name
+            parameters[name if name not in parameters else f"{name} {candidate.label}"] = entry
+    return {
+        "causes": list(item.names) or ["none"],
+        "probability": item.probability,
+        "log_bayes_factor": item.log_bayes_factor,
+        "parameters": parameters,
+    }
+
+
+def detectable(
+    candidates: Sequence[Candidate],
+    deviations: Sequence[Sequence[float]],
+    sizes: Mapping[str, float],
+) -> dict[str, dict[str, Any]]:
+    """How well the flights would know each cause's parameters, were it the only one."""
+    listed: dict[str, dict[str, Any]] = {}
+    for candidate, spread in zip(candidates, deviations, strict=True):
+        if candidate.cause.about == "derivative":
+            continue
+        listed[candidate.label] = {
+            parameter.name: {
+                "sd": deviation,
+                "matters": parameter.matters * sizes[parameter.per],
+                "unit": parameter.unit,
+            }
+            for parameter, deviation in zip(candidate.cause.parameters, spread, strict=True)
+            if not parameter.expected
+        }
+    return {name: entry for name, entry in listed.items() if entry}
+
+
+def strained(bent: Mapping[str, float]) -> list[str]:
+    """One warning for each value of the file that was bent too far."""
+    return [
+        f"{name} had to go {abs(size):.1f} of its sigmas from the file: it is wrong, or something "
+        "that no cause here stands for is"
+        for name, size in bent.items()
+    ]
