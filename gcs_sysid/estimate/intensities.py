@@ -3,8 +3,11 @@
 Intensities enter the filter through the decay of the air and the covariances only. What the motion
 of the aircraft contributes is worked out once for a path, and the gradient comes from the filter's
 adjoint through matrices that are cheap to make. Steps are those of Fisher scoring, with the
-information of the innovations' covariance, ½ tr(S⁻¹ ∂S S⁻¹ ∂S), on a stretch of the flight,
-corrected by how the slope has changed and damped until the likelihood grows.
+information of innovations and of their covariance, ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S), on a stretch
+of the flight, corrected by how the slope has changed and damped until the likelihood grows.
+
+Which way the field of the gusts lies has as many answers as a circle, and no slope while nothing is
+known of how gusts turn the air: `oriented` looks all around.
 """
 
 from __future__ import annotations
@@ -30,13 +33,15 @@ from gcs_sysid.reconstruct.linear_filter import Belief
 
 LONGEST_STEP = 0.7
 """An intensity changes by no more than this factor's logarithm in a step."""
-SAMPLE_ROWS = 500
-"""Rows on which the information is worked out."""
 DIFFERENCE = 1e-3
 """Step of a logarithm for the change of a covariance."""
 MOST_TRIALS = 7
 RENEWED = 4
 """After so many steps the information is worked out anew."""
+WORTH = 1.0
+"""A step that gained less than this is the last of its turn [nat]."""
+AROUND = 12
+"""Directions of the gusts' field that are tried."""
 
 
 class Prior(NamedTuple):
@@ -66,7 +71,57 @@ class Search(NamedTuple):
     gained: float = np.inf
 
 
-def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Search) -> Search:
+def climbed(
+    model: FlightModel, means: Means, path: Path, prior: Prior, search: Search, steps: int
+) -> Search:
+    """So many steps about one path; `gained` is that of all of them.
+
+    Slopes of an earlier path, with other means, say nothing of the curvature here.
+    """
+    search, gained = search._replace(before=None), 0.0
+    for _ in range(steps):
+        search = _stepped(model, means, path, prior, search)
+        gained += search.gained
+        if search.gained < WORTH:
+            break
+    return search._replace(gained=gained)
+
+
+def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noise: Noise) -> Noise:
+    """The intensities with the gusts' field turned the way that the flight makes most likely.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        path: about which the rows are linearised.
+        prior: of whose deviations the coupling's is tried.
+        log_noise: intensities.
+    """
+    rows = causal.joined(model, means, log_noise, path)
+    mechanics = [_mechanics(model, means, chunk) for chunk in path.chunks]
+    pitching, yawing = np.asarray(prior.sigma.turbulence.coupling)
+    tried = [log_noise]
+    for azimuth in np.linspace(-np.pi, np.pi, AROUND, endpoint=False):
+        for sign in (1.0, -1.0):
+            turbulence = log_noise.turbulence._replace(
+                coupling=jnp.array([pitching, sign * yawing]), azimuth=jnp.asarray(azimuth)
+            )
+            tried.append(log_noise._replace(turbulence=turbulence))
+    return max(tried, key=lambda noise: _density(noise, path, rows, mechanics))
+
+
+def _density(
+    log_noise: Noise, path: Path, rows: Sequence[Linearised], mechanics: Sequence[Array]
+) -> float:
+    """Log-likelihood of a flight about a path."""
+    start, total = path.start, 0.0
+    for chunk, piece, still in zip(path.chunks, rows, mechanics, strict=True):
+        start, part = linear_filter.likelihood(start, _at(log_noise, chunk, piece, still))
+        total += float(part)
+    return total
+
+
+def _stepped(model: FlightModel, means: Means, path: Path, prior: Prior, search: Search) -> Search:
     """One step of the search."""
     flat, unravel = ravel_pytree(search.log_noise)
     values = np.asarray(flat)
@@ -83,7 +138,7 @@ def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Sea
         share = sum(int(np.sum(np.asarray(chunk.row.step) > 0.0)) for chunk in path.chunks)
         information = (
             share
-            / SAMPLE_ROWS
+            / path.chunks[index].row.step.shape[0]
             * _information(
                 search.log_noise,
                 path.chunks[index],
@@ -100,12 +155,8 @@ def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Sea
         )
 
     def posterior(at: Float[np.ndarray, " intensity"]) -> float:
-        moved = unravel(jnp.asarray(at))
-        start, total = path.start, -0.5 * float(np.sum(weight * (at - centre) ** 2))
-        for chunk, piece, still in zip(path.chunks, rows, mechanics, strict=True):
-            start, part = linear_filter.likelihood(start, _at(moved, chunk, piece, still))
-            total += float(part)
-        return total
+        penalty = 0.5 * float(np.sum(weight * (at - centre) ** 2))
+        return _density(unravel(jnp.asarray(at)), path, rows, mechanics) - penalty
 
     here = density - 0.5 * float(np.sum(weight * (values - centre) ** 2))
     damping, diagonal = search.damping, np.diag(np.abs(np.diagonal(information)))
@@ -126,7 +177,28 @@ def step(model: FlightModel, means: Means, path: Path, prior: Prior, search: Sea
             )
         damping = max(6.0 * damping, 1e-2)
     # Nothing gained: from here the search begins anew, with fresh information.
-    return Search(search.log_noise, gained=0.0)
+    return Search(search.log_noise, information=information, gained=0.0)
+
+
+def deviation(search: Search, sigma: Noise) -> Noise:
+    """One standard deviation of every intensity's logarithm, 0 for those held.
+
+    Args:
+        search: after its last step.
+        sigma: of the prior.
+    """
+    flat, unravel = ravel_pytree(sigma)
+    free = np.asarray(flat) > 0.0
+    out = np.zeros(free.size)
+    if search.information is None:
+        return sigma
+    chosen = np.ix_(free, free)
+    # Updates by slopes may have left it indefinite by a rounding.
+    roots, vectors = np.linalg.eigh(search.information[chosen])
+    least = np.min(1.0 / np.asarray(flat)[free] ** 2)
+    inverse = (vectors / np.maximum(roots, least)) @ vectors.T
+    out[free] = np.sqrt(np.diagonal(inverse))
+    return unravel(jnp.asarray(out))
 
 
 def _slope(
@@ -215,14 +287,17 @@ def _information(
     begun: Belief,
     free: np.ndarray,
 ) -> Float[np.ndarray, "intensity intensity"]:
-    """½ Σ tr(S⁻¹ ∂S S⁻¹ ∂S) over the first rows of a chunk."""
-    chunk, rows, still = jax.tree.map(lambda part: part[:SAMPLE_ROWS], (chunk, rows, still))
+    """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S) over a chunk.
+
+    Intensities change the gains, and with them the innovations themselves.
+    """
     flat, unravel = ravel_pytree(log_noise)
     here = _at(log_noise, chunk, rows, still)
-    start = Belief(jnp.zeros_like(begun.mean), begun.covariance)
-    changes = np.zeros((flat.size, SAMPLE_ROWS * aided.ROW_COUNT**2))
+    count = rows.residual.shape[0]
+    changes = np.zeros((flat.size, count * aided.ROW_COUNT * (aided.ROW_COUNT + 1)))
     for index in np.flatnonzero(free):
         moved = unravel(flat.at[index].add(DIFFERENCE))
-        change = linear_filter.spread_change(start, here, _at(moved, chunk, rows, still))
-        changes[index] = np.ravel(change) / DIFFERENCE
-    return 0.5 * changes @ changes.T
+        found = linear_filter.change(begun, here, _at(moved, chunk, rows, still))
+        both = (np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread))
+        changes[index] = np.concatenate(both) / DIFFERENCE
+    return changes @ changes.T

@@ -3,6 +3,10 @@
 The mean follows the estimating equation of `causal` by Gauss–Newton steps, the intensities their
 likelihood by the steps of `intensities`, in turns, first on the stretch with the most control. The
 two hardly disturb each other: one asks the innovations' mean, the other their size.
+
+Once the parameters are near, the way the gusts' field lies is looked for all around. With a wrong
+one a gust turns the air about the wrong axis, the angle of attack is stretched to make up for it,
+and with it everything that depends on it.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import intensities
-from gcs_sysid.estimate.filter_error import Flight, Unknowns, most_controlled
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest, cut
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.reconstruct import causal
@@ -26,14 +30,19 @@ from gcs_sysid.reconstruct.causal import Pass, Path
 
 STRETCH = 4000
 """Rows of the stretch on which a search begins."""
-FIRST_TURNS, TURNS = 12, 4
+FIRST_TURNS, TURNS = 14, 10
+ORIENTED = 2
+"""Turns of the first stretch after which the gusts' field is looked for."""
+STEPS = 2
+"""Steps of the intensities in a turn."""
 FORERUNS = 2
 """Passes that find the path before anything is asked of it."""
 SETBACK = 30.0
 """A turn that loses more than this went too far [nat]; less may come with a path that moves."""
 MOST_SETBACKS, SHORTENED = 3, 0.3
-ENOUGH = 2.0
-"""A turn that gains less than this, of mean and intensities together, ends the search [nat]."""
+ENOUGH, GROWN = 2.0, 10.0
+"""A turn that would gain less than the one, of mean and intensities together, and has gained less
+than the other over the best before, ends the search [nat]."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +67,19 @@ class Settled:
     Attributes:
         values: parameters of the mean, flat.
         log_noise: intensities.
+        noise_deviation: one standard deviation of each.
         last: the pass at these values.
         fitted: rows from which the parameters of the mean were taken.
+        log_likelihood: after each turn.
         ended: whether nothing more was to be gained.
     """
 
     values: Float[np.ndarray, " parameter"]
     log_noise: Noise
+    noise_deviation: Noise
     last: Pass
     fitted: Bool[np.ndarray, " sample"]
+    log_likelihood: tuple[float, ...]
     ended: bool
 
 
@@ -91,12 +104,16 @@ def settle(
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
     """
-    if not near and flight.rows.step.shape[0] > STRETCH:
-        part = most_controlled(flight, STRETCH)
-        every = np.ones(STRETCH, dtype=bool)
-        begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress)
+    if not near:
+        part, every = flight, counts
+        if flight.rows.step.shape[0] > STRETCH:
+            begin = busiest(flight, STRETCH)
+            part, every = cut(flight, begin), counts[begin]
+        begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress, oriented=True)
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
-    return _turns(model, flight, first, beliefs, counts, TURNS, progress)
+        if part is flight:
+            return begun
+    return _turns(model, flight, first, beliefs, counts, TURNS, progress, oriented=False)
 
 
 def _turns(
@@ -107,6 +124,8 @@ def _turns(
     counts: Bool[np.ndarray, " sample"],
     turns: int,
     progress: Callable[[str], None],
+    *,
+    oriented: bool,
 ) -> Settled:
     search = Search(first.log_noise)
     path = causal.along(flight.rows, flight.nominal, flight.beginning)
@@ -116,10 +135,12 @@ def _turns(
     values = np.asarray(ravel_pytree(first.means)[0])
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path), 0
+    history: list[float] = []
     for turn in range(turns):
         means = _means(first.means, values)
         done = causal.passed(model, means, search.log_noise, path, counts, chosen=free)
         density = float(done.log_likelihood.sum())
+        history.append(density)
         progress(f"turn {turn + 1}: log-likelihood {density:.0f}")
         if not density > best.density - SETBACK:
             setbacks += 1
@@ -129,22 +150,29 @@ def _turns(
             values = best.values + SHORTENED * (values - best.values)
             path, search = best.path, Search(best.log_noise, damping=1.0)
             continue
+        grown = density - best.density
         if density > best.density:
             best = _Turn(density, values, search.log_noise, path)
         move, gain = _newton(done, beliefs, values)
-        if gain + search.gained < ENOUGH:
+        if gain + search.gained < ENOUGH and grown < GROWN:
             ended = True
             break
         values = values + move
-        path = done.path
-        search = intensities.step(model, _means(first.means, values), path, beliefs.noise, search)
+        path, means = done.path, _means(first.means, values)
+        if oriented and turn == ORIENTED:
+            turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
+            search = Search(turned)
+        search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
     # The last move has not been looked at: it stays if it did no harm.
-    last = causal.passed(model, _means(first.means, values), search.log_noise, path, counts)
+    means = _means(first.means, values)
+    last = causal.passed(model, means, search.log_noise, path, counts)
     if not float(last.log_likelihood.sum()) > best.density - SETBACK:
-        values, noise = best.values, best.log_noise
-        last = causal.passed(model, _means(first.means, values), noise, best.path, counts)
-        return Settled(values, noise, last, counts, ended=False)
-    return Settled(values, search.log_noise, last, counts, ended)
+        values, search, ended = best.values, search._replace(log_noise=best.log_noise), False
+        means = _means(first.means, values)
+        last = causal.passed(model, means, best.log_noise, best.path, counts)
+    history.append(float(last.log_likelihood.sum()))
+    deviation = intensities.deviation(search, beliefs.noise.sigma)
+    return Settled(values, search.log_noise, deviation, last, counts, tuple(history), ended)
 
 
 class _Turn(NamedTuple):
@@ -188,3 +216,21 @@ def _means(like: Means, values: Float[np.ndarray, " parameter"]) -> Means:
 def at(settled: Settled, like: Means) -> Unknowns:
     """Parameters and intensities of a settled flight."""
     return Unknowns(_means(like, settled.values), settled.log_noise)
+
+
+def scatter(done: Settled, beliefs: Beliefs) -> float:
+    """Variance of the scores of blocks over that of independent innovations, at least 1."""
+    free = np.diagonal(beliefs.covariance) > 0.0
+    blocks = done.last.blocks[:, free]
+    spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
+    information = np.diagonal(done.last.told.matrix + done.last.apart.matrix)[free]
+    seen = information > 0.0
+    return max(float(np.median(spread[seen] / information[seen])), 1.0)
+
+
+def posterior(done: Settled, beliefs: Beliefs) -> Float[np.ndarray, "parameter parameter"]:
+    """Covariance of the parameters of the mean after the flight, 0 for those held."""
+    root = _root(beliefs.covariance)
+    information = done.last.told.matrix / scatter(done, beliefs)
+    inner = np.eye(root.shape[1]) + root.T @ information @ root
+    return root @ np.linalg.solve(inner, root.T)

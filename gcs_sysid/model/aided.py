@@ -60,6 +60,8 @@ ATTITUDE_ERROR_TIME = 20.0
 UNBELIEVED = 3.0
 """White noise of acceleration and angular acceleration where the equations are not to be believed
 [m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
+ATTITUDE_FLOOR = 2e-4
+"""Of white noise of an attitude [rad]: a millisecond of its stamp at a lively turn."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -412,7 +414,8 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
         + [noise.airspeed, level, level, down, tilt, tilt, heading]
         + [noise.vanes] * 2
     )
-    return deviation**2
+    floor = jnp.zeros(ROW_COUNT).at[ROWS["attitude"]].set(ATTITUDE_FLOOR)
+    return deviation**2 + floor**2
 
 
 def process(
@@ -430,6 +433,7 @@ def process(
     """
     coupling = air.coupling_matrix(noise.turbulence)
     shape = jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(coupling)
+    shape = shape.at[BLOCKS["spin"], BLOCKS["spin"]].set(air.field_axes(noise.turbulence))
     late = (shape * process_density(noise)[None, :]) @ shape.T
     middle = half @ late @ half.T
     early = half @ middle @ half.T

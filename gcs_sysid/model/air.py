@@ -7,8 +7,11 @@ high-passed copies of the vertical and lateral ones, so s is driven by the chang
 
     dg = −g/T_g dt + σ_g √(2/T_g) dW        ds = −s/T_s dt + C dg + σ_s √(2/T_s) dW′
 
-with C [rad/m] unknown but no larger than about π/4 over the span. The aerodynamics feel the
-velocity less wind and gust, and the rate less s. The steady wind drifts as a random walk.
+in axes along the field, across it, and down: C holds one number for the vertical gust that turns
+the air about the axis across, and one for the gust across that turns it about down [rad/m], π/4 and
+π/3 over the span by the specification. Which way the field lies is unknown, the azimuth ψ. The
+aerodynamics feel the velocity less wind and gust, and the rate less s. The steady wind drifts as a
+random walk.
 """
 
 from __future__ import annotations
@@ -45,18 +48,21 @@ class Turbulence(NamedTuple):
     Attributes:
         gust: standard deviation, horizontal and vertical [m/s].
         gust_time: correlation time, likewise [s].
-        spin: standard deviation of the rotation that the gust does not explain, about north, east
-            and down: the specification's own differ with the axis [rad/s].
+        spin: standard deviation of the rotation that the gust does not explain, about the axis
+            along the field, across it and down: the specification's own differ with the axis
+            [rad/s].
         spin_time: correlation time, likewise [s].
-        coupling: entries of C: vertical gust into rotation about north and about east, gust toward
-            north and toward east into rotation about down [rad/m].
+        coupling: entries of C: vertical gust into rotation about the axis across, gust across into
+            rotation about down [rad/m].
+        azimuth: of the axis along the field, from north toward east [rad].
     """
 
     gust: Float[Array, " two"]
     gust_time: Float[Array, " two"]
     spin: Float[Array, " axis"]
     spin_time: Float[Array, " axis"]
-    coupling: Float[Array, " four"]
+    coupling: Float[Array, " two"]
+    azimuth: Float[Array, ""]
 
 
 def scale_lengths(height: float) -> tuple[float, float]:
@@ -85,31 +91,40 @@ def correlation_times(height: float, airspeed: float) -> tuple[float, float]:
 def drift(air: Air, turbulence: Turbulence) -> Air:
     """Mean rate of change of the air, in the fields of an `Air`."""
     gust = -air.gust / _axes(turbulence.gust_time)
-    spin = -air.spin / turbulence.spin_time + coupling_matrix(turbulence) @ gust
-    return Air(jnp.zeros(3), gust, spin)
+    turned = field_axes(turbulence)
+    own = -turned @ ((turned.T @ air.spin) / turbulence.spin_time)
+    return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust)
 
 
 def density(turbulence: Turbulence) -> Float[Array, " nine"]:
     """Spectral density of the white noise that drives wind, gust and spin: 2 σ²/T.
 
-    Without the part of the spin that comes with the gust.
+    That of the spin is in the axes of the field, and without the part that comes with the gust.
     """
     gust = 2.0 * turbulence.gust**2 / turbulence.gust_time
     spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
     return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), _axes(gust), spin])
 
 
-def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:
-    """C: rotation that a change of the gust brings along [rad/m]."""
-    north, east, from_north, from_east = turbulence.coupling
-    zero = jnp.zeros_like(north)
+def field_axes(turbulence: Turbulence) -> Float[Array, "axis axis"]:
+    """From the axes of the field (along, across, down) to level axes (north, east, down)."""
+    cos, sin = jnp.cos(turbulence.azimuth), jnp.sin(turbulence.azimuth)
+    zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
     return jnp.stack(
         [
-            jnp.stack([zero, zero, north]),
-            jnp.stack([zero, zero, east]),
-            jnp.stack([from_north, from_east, zero]),
+            jnp.stack([cos, -sin, zero]),
+            jnp.stack([sin, cos, zero]),
+            jnp.stack([zero, zero, one]),
         ]
     )
+
+
+def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:
+    """C in level axes: rotation that a change of the gust brings along [rad/m]."""
+    pitching, yawing = turbulence.coupling
+    across = field_axes(turbulence)[:, 1]
+    down = jnp.array([0.0, 0.0, 1.0])
+    return pitching * jnp.outer(across, down) + yawing * jnp.outer(down, across)
 
 
 def _axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:

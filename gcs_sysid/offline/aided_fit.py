@@ -1,8 +1,8 @@
 """Filter error on whole flights: models, and the flights with the states that the filter knows.
 
 Flights follow each other: what one has told of the derivatives is the prior of the next, while
-sensors and gusts are each flight's own. The model that is scored is found first, with held-out
-maneuvers left to the sensors; the model that is kept starts from it and takes in all.
+sensors and gusts are each flight's own. The model that is scored is found first, and learns nothing
+from held-out maneuvers; the model that is kept starts from it and takes in all.
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool
 
 from gcs_sysid.aircraft import Aircraft, StreamTiming
-from gcs_sysid.estimate import filter_error, first_guess, inside_filter
-from gcs_sysid.estimate.filter_error import Fit, Unknowns
+from gcs_sysid.estimate import filter_error, first_guess, flight_rows, inside_filter
+from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
+from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.result import AeroModel, Prior
+from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
@@ -30,8 +34,9 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
-ENOUGH = 5.0
-"""A last step that gained less than this is near enough to the end of the search."""
+STILL_GROWING = 100.0
+"""A search that has not ended and whose log-likelihood grew by more than this over its last turn has
+found nothing [nat]."""
 
 
 class UnsettledError(Exception):
@@ -59,7 +64,7 @@ class AidedFlights:
 
 class _Prepared(NamedTuple):
     one: Flight
-    rows: filter_error.Flight
+    rows: flight_rows.Flight
     held: Bool[np.ndarray, " row"]
     first: Unknowns
 
@@ -97,16 +102,17 @@ def identify(
     scored_fits, final_fits = [], []
     found = _believed(mean, sigma)
     for number, item in enumerate(prepared):
-        doubted = item._replace(rows=aided_flight.doubted(item.rows, item.held))
         first = item.first if number == 0 else _with(item.first, found)
-        fit = _fit(model, doubted, first, found, near=False, progress=told(number))
+        fit = _fit(model, item, first, found, ~item.held, near=False, progress=told(number))
         scored_fits.append(fit)
         found = _after(found, fit)
     scored = found
     found = _believed(mean, sigma)
     for number, item in enumerate(prepared):
         first = _with(scored_fits[number].unknowns, scored)
-        fit = _fit(model, item, first, found, near=True, progress=told(len(prepared) + number))
+        every = np.ones_like(item.held)
+        tell = told(len(prepared) + number)
+        fit = _fit(model, item, first, found, every, near=True, progress=tell)
         final_fits.append(fit)
         found = _after(found, fit)
     progress("smoothing with the model", 1.0)
@@ -170,34 +176,39 @@ def _fit(
     item: _Prepared,
     first: Unknowns,
     found: Derivatives,
+    counts: Bool[np.ndarray, " row"],
     *,
     near: bool,
     progress: Callable[[str], None],
 ) -> Fit:
+    rows = item.rows
+    if rows.rows.step.shape[0] > LONGEST:
+        begin = flight_rows.busiest(rows, LONGEST)
+        rows, counts = flight_rows.cut(rows, begin), counts[begin]
+    fit = filter_error.fit(model, rows, first, _beliefs(item, found), counts, progress, near=near)
+    reached = fit.log_likelihood
+    grown = reached[-1] - reached[-2]
+    if not np.isfinite(reached[-1]) or not (fit.converged or abs(grown) < STILL_GROWING):
+        raise UnsettledError(
+            f"{item.one.recording.source}: the likelihood of the model inside the filter still "
+            f"changed by {grown:.0f} a turn: mass, inertia, signs of the controls or the thrust of "
+            "the aircraft file may be far off"
+        )
+    return fit
+
+
+def _beliefs(item: _Prepared, found: Derivatives) -> Beliefs:
+    """What is believed before a flight: its own sensors and gusts, and derivatives as found."""
     spread: dict[str, dict[str, float]] = {}
     for (name, key), value in zip(found.keys, np.diagonal(found.covariance), strict=True):
         spread.setdefault(name, {})[key] = float(np.sqrt(value))
     vanes = bool(np.asarray(item.rows.rows.measured.valid)[:, 3].any())
     prior, sigma = aided_flight.beliefs(item.first, item.one.aircraft, vanes=vanes, known=spread)
-    flight = filter_error.most_controlled(item.rows, LONGEST)
-    fit = filter_error.fit(
-        model,
-        flight,
-        first,
-        _with(prior, found),
-        sigma,
-        progress,
-        precision=np.linalg.inv(found.covariance),
-        near=near,
-    )
-    gained = fit.objective[-2] - fit.objective[-1] if len(fit.objective) > 1 else 0.0
-    if not np.isfinite(fit.objective[-1]) or not (fit.converged or gained < ENOUGH):
-        raise UnsettledError(
-            f"{item.one.recording.source}: the likelihood of the model inside the filter was still "
-            f"growing by {gained:.0f} a step: mass, inertia, signs of the controls or the thrust "
-            "of the aircraft file may be far off"
-        )
-    return fit
+    covariance = np.diag(np.asarray(ravel_pytree(sigma.means)[0]) ** 2)
+    count = len(found.keys)
+    covariance[:count, :count] = found.covariance
+    mean = np.asarray(ravel_pytree(_with(prior, found).means)[0])
+    return Beliefs(mean, covariance, NoisePrior(prior.log_noise, sigma.log_noise))
 
 
 def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight:
@@ -213,7 +224,7 @@ def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight
         unknowns,
         Delay(stated + float(late), item.one.delay.deviation, found=True),
         jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), states),
-        np.asarray(done.belief.covariance)[kept],
+        np.asarray(done.covariance)[kept],
     )
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
-from gcs_sysid.estimate.filter_error import Flight, Unknowns
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.model import actuators, air
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
@@ -111,11 +111,6 @@ def kept_rows(states: Reconstruction) -> np.ndarray:
     return _without_holes(states.time)[0]
 
 
-def doubted(flight: Flight, rows: Bool[np.ndarray, " row"]) -> Flight:
-    """The flight with some rows about which the model is not asked: held-out maneuvers."""
-    return replace(flight, rows=flight.rows._replace(modelled=flight.rows.modelled & ~rows))
-
-
 def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
     """The aircraft with these aerodynamic terms and no others."""
     models = {
@@ -159,7 +154,8 @@ def _first_noise(rows: Row, states: Reconstruction) -> Noise:
         gust_time=jnp.log(jnp.array(times)),
         spin=jnp.log(jnp.full(3, SPIN)),
         spin_time=jnp.log(jnp.array(SPIN_TIME)),
-        coupling=jnp.zeros(4),
+        coupling=jnp.zeros(2),
+        azimuth=jnp.zeros(()),
     )
     attitude = np.unwrap(
         frames.euler_from_quaternion(np.asarray(rows.measured.attitude)[seen[:, 2]]), axis=0
@@ -227,7 +223,8 @@ def beliefs(
         gust_time=jnp.full(2, 0.7),
         spin=jnp.full(3, 0.7),
         spin_time=jnp.full(3, 0.4),
-        coupling=jnp.full(4, np.pi / 4.0 / span),
+        coupling=jnp.full(2, np.pi / 4.0 / span),
+        azimuth=jnp.asarray(1.0),
     )
     noise = wide._replace(
         turbulence=turbulence,

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from gcs_sysid import frames
 from gcs_sysid.estimate import coefficients
 from gcs_sysid.estimate.coefficients import Samples
-from gcs_sysid.estimate.filter_error import Unknowns
+from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided

@@ -24,8 +24,8 @@ def method(fits: Sequence[Fit], reason: str | None) -> dict[str, Any]:
         "name": "filter_error",
         "reason": None,
         "converged": all(fit.converged for fit in fits),
-        "log_likelihood": [-fit.objective[-1] for fit in fits],
-        "steps": [len(fit.objective) - 1 for fit in fits],
+        "log_likelihood": [fit.log_likelihood[-1] for fit in fits],
+        "steps": [len(fit.log_likelihood) - 1 for fit in fits],
         "innovations": [_innovations(fit) for fit in fits],
     }
 
@@ -34,7 +34,7 @@ def _innovations(fit: Fit) -> dict[str, float]:
     """Mean square of the whitened innovations by sensor: 1 where the model tells everything."""
     out = {}
     for name, rows in aided.ROWS.items():
-        white = fit.smoothed.whitened[:, rows]
+        white = fit.last.whitened[:, rows]
         seen = white[white != 0.0]
         if seen.size:
             out[name] = float(np.mean(seen**2))
@@ -50,7 +50,7 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
         flight: the same flight.
     """
     wind = np.asarray(fit.states.air.wind)
-    covariance = np.asarray(fit.smoothed.belief.covariance)[: len(wind), aided.BLOCKS["wind"]]
+    covariance = np.asarray(fit.smoothed.covariance)[: len(wind), aided.BLOCKS["wind"]]
     spread = np.sqrt(np.einsum("sii->si", covariance[:, :, aided.BLOCKS["wind"]]))
     document["wind_ned"] = {
         "value": wind.mean(axis=0),

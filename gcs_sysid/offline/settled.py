@@ -22,7 +22,7 @@ from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
-from gcs_sysid.estimate import filter_error, settling
+from gcs_sysid.estimate import flight_rows, settling
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model import departures
@@ -50,8 +50,8 @@ class Subject:
     """
 
     one: Flight
-    rows: filter_error.Flight
-    first: filter_error.Unknowns
+    rows: flight_rows.Flight
+    first: flight_rows.Unknowns
     fitted: Bool[np.ndarray, " row"]
 
 
@@ -158,8 +158,8 @@ def settle(
         first = first._replace(means=unravel(jnp.asarray(before.mean + moved)))
     rows, fitted = subject.rows, subject.fitted
     if rows.rows.step.shape[0] > LONGEST:
-        begin = filter_error.busiest(rows, LONGEST)
-        rows, fitted = filter_error.cut(rows, begin), fitted[begin]
+        begin = flight_rows.busiest(rows, LONGEST)
+        rows, fitted = flight_rows.cut(rows, begin), fitted[begin]
     done = settling.settle(model, rows, first, before, fitted, progress, near=start is not None)
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise RefusedError(
@@ -178,7 +178,7 @@ def told(
     Scores are told relative to the beliefs' mean. Rows count for less where scores of blocks
     scatter more than independent innovations would.
     """
-    share = 1.0 / _scatter(done, np.diagonal(before.covariance) > 0.0)
+    share = 1.0 / settling.scatter(done, before)
     both = []
     for part in (done.last.told, done.last.apart):
         score = part.score + part.matrix @ (done.values - before.mean)
@@ -186,18 +186,9 @@ def told(
     return both[0], both[1]
 
 
-def _scatter(done: Settled, free: Bool[np.ndarray, " parameter"]) -> float:
-    """Variance of the scores of blocks over that of independent innovations, at least 1."""
-    blocks = done.last.blocks[:, free]
-    spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
-    information = np.diagonal(done.last.told.matrix + done.last.apart.matrix)[free]
-    seen = information > 0.0
-    return max(float(np.median(spread[seen] / information[seen])), 1.0)
-
-
 def states(
     model: FlightModel, subject: Subject, done: Settled
-) -> tuple[filter_error.Unknowns, State, Float[np.ndarray, "row state state"]]:
+) -> tuple[flight_rows.Unknowns, State, Float[np.ndarray, "row state state"]]:
     """Parameters, smoothed states and their covariance at every sample of the whole flight."""
     found = settling.at(done, subject.first.means)
     nominal, smoothed = aided_smoother.iterated(
@@ -210,7 +201,7 @@ def states(
     )
     kept = aided_flight.kept_rows(subject.one.reconstruction)
     at = jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), nominal)
-    return found, at, np.asarray(smoothed.belief.covariance)[kept]
+    return found, at, np.asarray(smoothed.covariance)[kept]
 
 
 def with_terms(

@@ -7,8 +7,7 @@ is the likelihood of everything that the matrices depend on,
     log L = Σ −½ (νᵀ S⁻¹ ν + log |S| + n log 2π)
 
 with the log-determinant: without it whatever makes the filter expect more gust explains every
-flight. Its gradient with respect to all matrices comes from one backward sweep, and the information
-about parameters of the mean from sensitivities carried through the filter at its own gains.
+flight. Its gradient with respect to all matrices comes from one backward sweep.
 
 Everything works on chunks of one fixed length, so that one compilation serves flights of any
 length and every aircraft.
@@ -54,20 +53,6 @@ class Filtered(NamedTuple):
     whitened: Float[Array, "*sample row"]
     root: Float[Array, "*sample row row"]
     gain: Float[Array, "*sample row state"]
-
-
-class Information(NamedTuple):
-    """Sums of what a filter run says about parameters of the mean.
-
-    Attributes:
-        belief: of the filter so far.
-        sensitivity: of its mean to the parameters.
-        matrix: Σ (∂ν/∂θ)ᵀ S⁻¹ (∂ν/∂θ).
-    """
-
-    belief: Belief
-    sensitivity: Float[Array, "state parameter"]
-    matrix: Float[Array, "parameter parameter"]
 
 
 def step(belief: Belief, row: Linearised) -> Filtered:
@@ -199,120 +184,6 @@ def _before(start: Belief, done: Filtered) -> Belief:
     )
 
 
-class Pushed(NamedTuple):
-    """Answer of the filtered means to forces on the states, before what comes later.
-
-    Attributes:
-        predicted: change of each predicted mean.
-        whitened: change of each whitened innovation.
-    """
-
-    predicted: Float[Array, "sample state"]
-    whitened: Float[Array, "sample row"]
-
-
-@jax.jit
-def push(
-    mean: Float[Array, " state"],
-    rows: Linearised,
-    done: Filtered,
-    force: Float[Array, "sample state"],
-) -> tuple[Float[Array, " state"], Pushed]:
-    """Filtered means when −Σ forceᵀ e is added to the negative log density of all deviations.
-
-    Args:
-        mean: change at the chunk's beginning.
-        rows: the chunk.
-        done: the filter's steps over it.
-        force: on each row's deviation.
-    """
-
-    def ahead(
-        now: Float[Array, " state"], item: tuple[Linearised, Filtered, Float[Array, " state"]]
-    ) -> tuple[Float[Array, " state"], Pushed]:
-        row, step_, pull = item
-        predicted = row.transition @ now
-        whitened = -step_.root @ (row.sensitivity @ predicted)
-        moved = predicted + step_.gain.T @ whitened + step_.updated.covariance @ pull
-        return moved, Pushed(predicted, whitened)
-
-    return jax.lax.scan(ahead, mean, (rows, done, force))
-
-
-@jax.jit
-def implicit(
-    start: Belief,
-    mean: Float[Array, " state"],
-    rows: Linearised,
-    done: Filtered,
-    pushed: Pushed,
-    force: Float[Array, "sample state"],
-    later: tuple[Float[Array, " state"], Float[Array, " state"]],
-) -> tuple[tuple[Float[Array, " state"], Float[Array, " state"]], Linearised]:
-    """Gradient of Σ forceᵀ ê, the smoothed deviations, with respect to all matrices.
-
-    ê makes J = ½Σ‖e − Φe₋ − o‖² + ½Σ‖r − He‖² least, each norm weighted by its covariance, so that
-    d(forceᵀ ê) = −wᵀ d∇J with w = (∇²J)⁻¹ force: the deviations of the same flight without data,
-    pulled by the forces. Noise covariances may be singular: λ = Q⁻¹(e − Φe₋ − o) comes from the
-    adjoint recursion (Bryson & Frazier 1963; Durbin & Koopman, *Time Series Analysis by State Space
-    Methods*, 2nd ed. 2012, section 4.4).
-
-    Args:
-        start: belief at the chunk's beginning.
-        mean: answer to the forces there, of `push`.
-        rows: the chunk.
-        done: the filter's steps over it.
-        pushed: answers to the forces over it.
-        force: on each row's deviation.
-        later: λ of the data and of the forces at the next chunk's first row, carried back.
-
-    Returns:
-        `later` of the chunk before, and the gradient.
-    """
-    unit = done.root @ rows.sensitivity
-
-    def back(
-        after: tuple[Array, Array], item: tuple[Array, ...]
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        transition, seen, gain, white, white_pushed, pull = item
-        of_data = after[0] + seen.T @ (white - gain @ after[0])
-        felt = after[1] + pull
-        of_force = felt + seen.T @ (white_pushed - gain @ felt)
-        return (transition.T @ of_data, transition.T @ of_force), (of_data, of_force)
-
-    earlier, (of_data, of_force) = jax.lax.scan(
-        back,
-        later,
-        (rows.transition, unit, done.gain, done.whitened, pushed.whitened, force),
-        reverse=True,
-    )
-    spread = done.predicted.covariance
-    deviation = done.predicted.mean + jnp.einsum("kij,kj->ki", spread, of_data)
-    moved = pushed.predicted + jnp.einsum("kij,kj->ki", spread, of_force)
-    first = (start.mean + start.covariance @ earlier[0], mean + start.covariance @ earlier[1])
-    weight = jnp.where(rows.present, 1.0 / rows.variance, 0.0)
-    left = weight * (rows.residual - jnp.einsum("kij,kj->ki", rows.sensitivity, deviation))
-    seen = weight * jnp.einsum("kij,kj->ki", rows.sensitivity, moved)
-
-    def crossed(one: Array, other: Array) -> Float[Array, "sample one other"]:
-        return one[:, :, None] * other[:, None, :]
-
-    def earlier_of(begin: Array, values: Array) -> Float[Array, "sample state"]:
-        return jnp.concatenate([begin[None], values[:-1]])
-
-    both = crossed(of_force, of_data)
-    return earlier, Linearised(
-        transition=crossed(of_data, earlier_of(first[1], moved))
-        + crossed(of_force, earlier_of(first[0], deviation)),
-        offset=of_force,
-        process=0.5 * (both + jnp.swapaxes(both, 1, 2)),
-        sensitivity=crossed(left, moved) - crossed(seen, deviation),
-        residual=seen,
-        variance=-left * seen,
-        present=jnp.zeros_like(rows.residual),
-    )
-
-
 @jax.jit
 def smooth(later: Belief, start: Belief, rows: Linearised, done: Filtered) -> tuple[Belief, Belief]:
     """Rauch–Tung–Striebel over a chunk.
@@ -343,52 +214,25 @@ def smooth(later: Belief, start: Belief, rows: Linearised, done: Filtered) -> tu
     return jax.lax.scan(back, later, (before, done.predicted, rows.transition), reverse=True)
 
 
-@jax.jit
-def inform(
-    sofar: Information,
-    rows: Linearised,
-    motion: Float[Array, "sample state parameter"],
-    seen: Float[Array, "sample row parameter"],
-) -> Information:
-    """Adds a chunk to the information about parameters of the mean.
+class Changed(NamedTuple):
+    """First-order change of what the filter expects, whitened by its own root, S = L Lᵀ.
 
-    The filter's gains are held: their own change with the parameters multiplies innovations, whose
-    mean is zero.
-
-    Args:
-        sofar: sums before the chunk.
-        rows: the chunk.
-        motion: change of the offset with the parameters.
-        seen: change of the residual with the parameters.
+    Attributes:
+        innovation: L⁻¹ dν.
+        spread: L⁻¹ dS L⁻ᵀ.
     """
-    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
 
-    def ahead(
-        now: Information,
-        item: tuple[Linearised, Float[Array, "state parameter"], Float[Array, "row parameter"]],
-    ) -> tuple[Information, None]:
-        row, moved, changed = item
-        done = step(now.belief, row)
-        predicted = row.transition @ now.sensitivity + moved
-        whitened = done.root @ (changed - row.sensitivity @ predicted)
-        return Information(
-            done.updated,
-            predicted + done.gain.T @ whitened,
-            now.matrix + whitened.T @ whitened,
-        ), None
-
-    total, _ = jax.lax.scan(ahead, sofar, (rows, motion, seen))
-    return total
+    innovation: Float[Array, "sample row"]
+    spread: Float[Array, "sample row row"]
 
 
 @jax.jit
-def spread_change(
-    start: Belief, rows: Linearised, other: Linearised
-) -> Float[Array, "sample row row"]:
-    """First-order change of the innovations' covariance S, whitened: L⁻¹ dS L⁻ᵀ with S = L Lᵀ.
+def change(start: Belief, rows: Linearised, other: Linearised) -> Changed:
+    """What a small change of the matrices changes, gains included.
 
     The gain is where the updated covariance is least, so that its own change counts only in second
-    order and dP = (I − KH) dP⁻ (I − KH)ᵀ + K dR Kᵀ − K dH P⁻ (I − KH)ᵀ − its transpose.
+    order there, dP = (I − KH) dP⁻ (I − KH)ᵀ + K dR Kᵀ − K dH P⁻ (I − KH)ᵀ − its transpose; in the
+    mean it counts in the first, dm = dm⁻ + K dν + dK ν with dK S = dP⁻Hᵀ + P⁻dHᵀ − K dS.
 
     Args:
         start: belief at the chunk's beginning, the same for both.
@@ -398,23 +242,31 @@ def spread_change(
     _, done = run(start, rows)
     none = jnp.zeros_like(rows.residual)
     moved = jax.tree.map(jnp.subtract, other._replace(present=none), rows._replace(present=none))
-    before = _before(start, done).covariance
+    before = _before(start, done)
 
     def ahead(
-        change: Float[Array, "state state"], item: tuple[Linearised, Linearised, Filtered, Array]
-    ) -> tuple[Float[Array, "state state"], Float[Array, "row row"]]:
+        changes: Belief, item: tuple[Linearised, Linearised, Filtered, Belief]
+    ) -> tuple[Belief, Changed]:
         row, by, now, earlier = item
-        turned = by.transition @ earlier @ row.transition.T
-        predicted = row.transition @ change @ row.transition.T + turned + turned.T + by.process
-        seen = by.sensitivity @ now.predicted.covariance @ row.sensitivity.T
+        mean = row.transition @ changes.mean + by.transition @ earlier.mean + by.offset
+        turned = by.transition @ earlier.covariance @ row.transition.T
+        predicted = row.transition @ changes.covariance @ row.transition.T
+        predicted = predicted + turned + turned.T + by.process
+        missed = by.residual - by.sensitivity @ now.predicted.mean - row.sensitivity @ mean
+        crossed = by.sensitivity @ now.predicted.covariance
+        seen = crossed @ row.sensitivity.T
         noise = jnp.diag(by.variance)
         spread = row.sensitivity @ predicted @ row.sensitivity.T + seen + seen.T + noise
         unit = now.root
         gain = now.gain.T @ unit
-        left = jnp.eye(change.shape[0]) - gain @ row.sensitivity
-        mixed = gain @ by.sensitivity @ now.predicted.covariance @ left.T
+        weighed = unit.T @ now.whitened
+        of_gain = predicted @ (row.sensitivity.T @ weighed) + crossed.T @ weighed
+        of_gain = of_gain - gain @ (spread @ weighed)
+        left = jnp.eye(mean.size) - gain @ row.sensitivity
+        mixed = gain @ crossed @ left.T
         updated = left @ predicted @ left.T + gain @ noise @ gain.T - mixed - mixed.T
-        return updated, unit @ spread @ unit.T
+        after = Belief(mean + gain @ missed + of_gain, updated)
+        return after, Changed(unit @ missed, unit @ spread @ unit.T)
 
-    still = jnp.zeros_like(start.covariance)
+    still = jax.tree.map(jnp.zeros_like, start)
     return jax.lax.scan(ahead, still, (rows, moved, done, before))[1]

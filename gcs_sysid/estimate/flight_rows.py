@@ -1,0 +1,63 @@
+"""One flight as the aided filter reads it, what is unknown about it, and stretches of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from gcs_sysid.model.aided import Means, Noise, Row, State
+from gcs_sysid.reconstruct.aided_smoother import Beginning
+
+
+class Unknowns(NamedTuple):
+    """A value, or one standard deviation, of everything that can be estimated."""
+
+    means: Means
+    log_noise: Noise
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight as the filter reads it.
+
+    Attributes:
+        rows: samples.
+        nominal: first guess of the states, one a row.
+        beginning: belief about the state before the first row.
+    """
+
+    rows: Row
+    nominal: State
+    beginning: Beginning
+
+
+def most_controlled(flight: Flight, count: int) -> Flight:
+    """The stretch of `count` rows where the controls moved most; the flight if it is no longer.
+
+    The one with the greatest product of the controls' shares of movement, so that none is left out.
+    """
+    return flight if flight.rows.step.shape[0] <= count else cut(flight, busiest(flight, count))
+
+
+def busiest(flight: Flight, count: int) -> slice:
+    """Where the controls of a flight move most for `count` rows."""
+    moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
+    moved[0] = 0.0
+    moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
+    sums = np.cumsum(moved, axis=0)
+    share = (sums[count:] - sums[:-count]) / np.maximum(sums[-1], 1e-12)
+    start = int(np.argmax(np.sum(np.log(np.maximum(share, 1e-6)), axis=1)))
+    return slice(start, start + count)
+
+
+def cut(flight: Flight, rows: slice) -> Flight:
+    """A stretch of a flight, before which no more is believed than before its first row."""
+    taken, nominal = jax.tree.map(lambda part: part[rows], (flight.rows, flight.nominal))
+    first = jax.tree.map(lambda part: part[0], nominal)
+    step = np.array(taken.step)
+    step[0] = 0.0
+    beginning = Beginning(first, flight.beginning.covariance)
+    return Flight(taken._replace(step=step), nominal, beginning)
