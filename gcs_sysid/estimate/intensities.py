@@ -25,7 +25,7 @@ from jaxtyping import Float
 from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise, Row
+from gcs_sysid.model.aided import Linearised, Means, Noise
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Path
@@ -35,6 +35,8 @@ LONGEST_STEP = 0.7
 """An intensity changes by no more than this factor's logarithm in a step."""
 DIFFERENCE = 1e-3
 """Step of a logarithm for the change of a covariance."""
+SAMPLE_ROWS = 800
+"""Rows on which the information is worked out."""
 MOST_TRIALS = 7
 RENEWED = 4
 """After so many steps the information is worked out anew."""
@@ -79,8 +81,9 @@ def climbed(
     Slopes of an earlier path, with other means, say nothing of the curvature here.
     """
     search, gained = search._replace(before=None), 0.0
+    lined = _lined(model, means, path, search.log_noise)
     for _ in range(steps):
-        search = _stepped(model, means, path, prior, search)
+        search = _stepped(lined, prior, search)
         gained += search.gained
         if search.gained < WORTH:
             break
@@ -97,8 +100,7 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
         prior: of whose deviations the coupling's is tried.
         log_noise: intensities.
     """
-    rows = causal.joined(model, means, log_noise, path)
-    mechanics = [_mechanics(model, means, chunk) for chunk in path.chunks]
+    lined = _lined(model, means, path, log_noise)
     pitching, yawing = np.asarray(prior.sigma.turbulence.coupling)
     tried = [log_noise]
     for azimuth in np.linspace(-np.pi, np.pi, AROUND, endpoint=False):
@@ -107,47 +109,49 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
                 coupling=jnp.array([pitching, sign * yawing]), azimuth=jnp.asarray(azimuth)
             )
             tried.append(log_noise._replace(turbulence=turbulence))
-    return max(tried, key=lambda noise: _density(noise, path, rows, mechanics))
+    return max(tried, key=lambda noise: _density(noise, lined))
 
 
-def _density(
-    log_noise: Noise, path: Path, rows: Sequence[Linearised], mechanics: Sequence[Array]
-) -> float:
-    """Log-likelihood of a flight about a path."""
-    start, total = path.start, 0.0
-    for chunk, piece, still in zip(path.chunks, rows, mechanics, strict=True):
+class _Lined(NamedTuple):
+    """A flight linearised about a path under some intensities.
+
+    Attributes:
+        path: the path.
+        rows: linearised, chunk by chunk.
+        mechanics: the part of their Jacobians that no intensity changes.
+    """
+
+    path: Path
+    rows: list[Linearised]
+    mechanics: list[Array]
+
+
+def _lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> _Lined:
+    rows = causal.joined(model, means, log_noise, path)
+    return _Lined(path, rows, [_mechanics(model, means, chunk) for chunk in path.chunks])
+
+
+def _density(log_noise: Noise, lined: _Lined) -> float:
+    """Log-likelihood of a flight."""
+    start, total = lined.path.start, 0.0
+    for chunk, piece, still in zip(lined.path.chunks, lined.rows, lined.mechanics, strict=True):
         start, part = linear_filter.likelihood(start, _at(log_noise, chunk, piece, still))
         total += float(part)
     return total
 
 
-def _stepped(model: FlightModel, means: Means, path: Path, prior: Prior, search: Search) -> Search:
+def _stepped(lined: _Lined, prior: Prior, search: Search) -> Search:
     """One step of the search."""
     flat, unravel = ravel_pytree(search.log_noise)
     values = np.asarray(flat)
     centre, sigma = (np.asarray(ravel_pytree(part)[0]) for part in prior)
     free = sigma > 0.0
     weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
-    rows = causal.joined(model, means, search.log_noise, path)
-    mechanics = [_mechanics(model, means, chunk) for chunk in path.chunks]
-    density, found, begun = _slope(search.log_noise, path, rows, mechanics)
+    density, found, begun = _slope(search.log_noise, lined)
     slope = found - weight * (values - centre)
     information = search.information
     if information is None or search.taken % RENEWED == 0:
-        index = len(path.chunks) // 2
-        share = sum(int(np.sum(np.asarray(chunk.row.step) > 0.0)) for chunk in path.chunks)
-        information = (
-            share
-            / path.chunks[index].row.step.shape[0]
-            * _information(
-                search.log_noise,
-                path.chunks[index],
-                rows[index],
-                mechanics[index],
-                begun[index],
-                free,
-            )
-        )
+        information = _information(search.log_noise, lined, begun, free)
         information = information + np.diag(np.where(free, weight, 1.0))
     if search.before is not None:
         information = quasi_newton.updated(
@@ -156,7 +160,7 @@ def _stepped(model: FlightModel, means: Means, path: Path, prior: Prior, search:
 
     def posterior(at: Float[np.ndarray, " intensity"]) -> float:
         penalty = 0.5 * float(np.sum(weight * (at - centre) ** 2))
-        return _density(unravel(jnp.asarray(at)), path, rows, mechanics) - penalty
+        return _density(unravel(jnp.asarray(at)), lined) - penalty
 
     here = density - 0.5 * float(np.sum(weight * (values - centre) ** 2))
     damping, diagonal = search.damping, np.diag(np.abs(np.diagonal(information)))
@@ -202,9 +206,11 @@ def deviation(search: Search, sigma: Noise) -> Noise:
 
 
 def _slope(
-    log_noise: Noise, path: Path, rows: Sequence[Linearised], mechanics: Sequence[Array]
+    log_noise: Noise, lined: _Lined
 ) -> tuple[float, Float[np.ndarray, " intensity"], list[Belief]]:
     """Log-likelihood, its gradient, and the belief before each chunk."""
+    path = lined.path
+    rows = [_at(log_noise, *item) for item in zip(path.chunks, *lined[1:], strict=True)]
     begun, steps = [path.start], []
     for piece in rows:
         end, done = linear_filter.run(begun[-1], piece)
@@ -213,7 +219,12 @@ def _slope(
     later = jax.tree.map(jnp.zeros_like, path.start)
     total = np.zeros(ravel_pytree(log_noise)[0].size)
     for chunk, piece, still, first, done in zip(
-        path.chunks[::-1], rows[::-1], mechanics[::-1], begun[-2::-1], steps[::-1], strict=True
+        path.chunks[::-1],
+        rows[::-1],
+        lined.mechanics[::-1],
+        begun[-2::-1],
+        steps[::-1],
+        strict=True,
     ):
         later, slope = linear_filter.adjoint(first, piece, done, later)
         total += np.asarray(ravel_pytree(_pulled_back(log_noise, chunk, still, slope))[0])
@@ -230,26 +241,27 @@ class _Covered(NamedTuple):
     variance: Float[Array, "*sample row"]
 
 
-def _covered(
-    log_noise: Noise, row: Row, still: Float[Array, "state state"], air: Float[Array, " nine"]
-) -> _Covered:
+def _covered(log_noise: Noise, part: Chunk, still: Float[Array, "state state"]) -> _Covered:
     """One row; `drift` is the change that the decay of the nominal air makes."""
-    noise = aided_smoother.positive(log_noise)
+    noise, row = aided_smoother.positive(log_noise), part.row
     half = aided.half_transition(still, noise.turbulence, row.step)
     transition = half @ half
-    blown = jnp.zeros(aided.SIZE).at[9:18].set(air)
     return _Covered(
         transition,
-        transition @ blown,
+        transition @ _blown(part),
         aided.process(half, row.step, aided.doubted(noise, row)),
         jnp.where(aided.present_rows(row), aided.measurement_variance(noise), 1.0),
     )
 
 
 def _every(log_noise: Noise, chunk: Chunk, still: Array) -> _Covered:
-    air = chunk.before.air
-    blown = jnp.concatenate([air.wind, air.gust, air.spin], axis=1)
-    return jax.vmap(partial(_covered, log_noise))(chunk.row, still, blown)
+    return jax.vmap(partial(_covered, log_noise))(chunk, still)
+
+
+def _blown(part: Chunk) -> Float[Array, " state"]:
+    """The nominal air at the beginning of a step, as an error state."""
+    air = part.before.air
+    return jnp.zeros(aided.SIZE).at[9:18].set(jnp.concatenate([air.wind, air.gust, air.spin]))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -272,32 +284,43 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Array, slope: Linearised
 
 @jax.jit
 def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: Array) -> Linearised:
-    """The rows with other intensities."""
+    """The rows with other intensities.
+
+    The nominal air decays at another rate, which the offset takes up.
+    """
     found = _every(log_noise, chunk, still)
+    blown = jax.vmap(_blown)(chunk)
+    decayed = jnp.einsum("kij,kj->ki", found.transition - rows.transition, blown)
     return rows._replace(
-        transition=found.transition, process=found.process, variance=found.variance
+        transition=found.transition,
+        offset=rows.offset + decayed,
+        process=found.process,
+        variance=found.variance,
     )
 
 
 def _information(
-    log_noise: Noise,
-    chunk: Chunk,
-    rows: Linearised,
-    still: Array,
-    begun: Belief,
-    free: np.ndarray,
+    log_noise: Noise, lined: _Lined, begun: Sequence[Belief], free: np.ndarray
 ) -> Float[np.ndarray, "intensity intensity"]:
-    """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S) over a chunk.
+    """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S), from the first rows of the chunk in the middle.
 
     Intensities change the gains, and with them the innovations themselves.
     """
+    chunks = lined.path.chunks
+    index = len(chunks) // 2
+    chunk, rows, still = jax.tree.map(
+        lambda part: part[:SAMPLE_ROWS], (chunks[index], lined.rows[index], lined.mechanics[index])
+    )
     flat, unravel = ravel_pytree(log_noise)
     here = _at(log_noise, chunk, rows, still)
-    count = rows.residual.shape[0]
-    changes = np.zeros((flat.size, count * aided.ROW_COUNT * (aided.ROW_COUNT + 1)))
-    for index in np.flatnonzero(free):
-        moved = unravel(flat.at[index].add(DIFFERENCE))
-        found = linear_filter.change(begun, here, _at(moved, chunk, rows, still))
+    changes = []
+    for at in np.flatnonzero(free):
+        moved = unravel(flat.at[at].add(DIFFERENCE))
+        found = linear_filter.change(begun[index], here, _at(moved, chunk, rows, still))
         both = (np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread))
-        changes[index] = np.concatenate(both) / DIFFERENCE
-    return changes @ changes.T
+        changes.append(np.concatenate(both) / DIFFERENCE)
+    every = sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in chunks)
+    seen = max(int(np.sum(np.asarray(chunk.row.step) > 0.0)), 1)
+    out = np.zeros((flat.size, flat.size))
+    out[np.ix_(free, free)] = every / seen * np.array(changes) @ np.array(changes).T
+    return out

@@ -20,7 +20,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import intensities
+from gcs_sysid.estimate import intensities, quasi_newton
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest, cut
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model.aided import Means, Noise
@@ -37,9 +37,13 @@ STEPS = 2
 """Steps of the intensities in a turn."""
 FORERUNS = 2
 """Passes that find the path before anything is asked of it."""
-SETBACK = 30.0
+SETBACK = 300.0
 """A turn that loses more than this went too far [nat]; less may come with a path that moves."""
 MOST_SETBACKS, SHORTENED = 3, 0.3
+QUIET = 100.0
+"""Where the intensities gained more than this, the slope has changed by them [nat]."""
+MOST_CURVED = 5.0
+"""A slope that changed by more than so many times what was expected is not believed."""
 ENOUGH, GROWN = 2.0, 10.0
 """A turn that would gain less than the one, of mean and intensities together, and has gained less
 than the other over the best before, ends the search [nat]."""
@@ -136,6 +140,7 @@ def _turns(
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path), 0
     history: list[float] = []
+    before: _Slope | None = None
     for turn in range(turns):
         means = _means(first.means, values)
         done = causal.passed(model, means, search.log_noise, path, counts, chosen=free)
@@ -148,12 +153,12 @@ def _turns(
                 break
             # Too far: a part of the way from the best turn so far, by smaller steps.
             values = best.values + SHORTENED * (values - best.values)
-            path, search = best.path, Search(best.log_noise, damping=1.0)
+            path, search, before = best.path, Search(best.log_noise, damping=1.0), None
             continue
         grown = density - best.density
         if density > best.density:
             best = _Turn(density, values, search.log_noise, path)
-        move, gain = _newton(done, beliefs, values)
+        move, gain, before = _newton(done, beliefs, values, before)
         if gain + search.gained < ENOUGH and grown < GROWN:
             ended = True
             break
@@ -163,6 +168,8 @@ def _turns(
             turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
             search = Search(turned)
         search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
+        if search.gained > QUIET:
+            before = None
     # The last move has not been looked at: it stays if it did no harm.
     means = _means(first.means, values)
     last = causal.passed(model, means, search.log_noise, path, counts)
@@ -184,20 +191,34 @@ class _Turn(NamedTuple):
     path: Path
 
 
-def _newton(
-    done: Pass, beliefs: Beliefs, values: Float[np.ndarray, " parameter"]
-) -> tuple[Float[np.ndarray, " parameter"], float]:
-    """Step to where score and prior balance, and what it gains [nat].
+class _Slope(NamedTuple):
+    """Where the posterior's slope was taken, in units of the prior's root R: θ = m + R ε."""
 
-    In terms of the prior's root R, θ = m + R ε, so that what is held stays.
+    at: Float[np.ndarray, " unit"]
+    slope: Float[np.ndarray, " unit"]
+
+
+def _newton(
+    done: Pass, beliefs: Beliefs, values: Float[np.ndarray, " parameter"], before: _Slope | None
+) -> tuple[Float[np.ndarray, " parameter"], float, _Slope]:
+    """Step to where score and prior balance, what it gains [nat], and the slope here.
+
+    In units of the prior's root, so that what is held stays. The gains' own part in how the score
+    changes is missing in the information; along a constant sideslip, which a constant wind makes up
+    for, it doubles it, and the step would swing from side to side. One update by how the slope has
+    changed since the turn before ends that, where it has changed by more than was expected.
     """
     root = _root(beliefs.covariance)
     matrix, score, _ = done.told
     inner = np.eye(root.shape[1]) + root.T @ matrix @ root
-    pull = root.T @ (score + matrix @ (values - beliefs.mean))
-    wanted = beliefs.mean + root @ np.linalg.solve(inner, pull)
-    move = wanted - values
-    return move, 0.5 * float(move @ matrix @ move)
+    at = np.linalg.lstsq(root, values - beliefs.mean, rcond=None)[0]
+    slope = root.T @ score - at
+    if before is not None:
+        step, change = at - before.at, before.slope - slope
+        if 1.0 < step @ change / (step @ inner @ step) < MOST_CURVED:
+            inner = quasi_newton.updated(inner, step, change)
+    move = root @ np.linalg.solve(inner, slope)
+    return move, 0.5 * float(move @ matrix @ move), _Slope(at, slope)
 
 
 def _root(covariance: Float[np.ndarray, "parameter parameter"]) -> np.ndarray:

@@ -61,7 +61,7 @@ UNBELIEVED = 3.0
 """White noise of acceleration and angular acceleration where the equations are not to be believed
 [m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
 ATTITUDE_FLOOR = 2e-4
-"""Of white noise of an attitude [rad]: a millisecond of its stamp at a lively turn."""
+"""Of white noise of an attitude [rad]: a fraction of a millisecond of its stamp in a lively turn."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 

@@ -35,8 +35,8 @@ LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
 STILL_GROWING = 100.0
-"""A search that has not ended and whose log-likelihood grew by more than this over its last turn has
-found nothing [nat]."""
+"""A search that has not ended, and whose log-likelihood changed by more than this over its last
+turn, has found nothing [nat]."""
 
 
 class UnsettledError(Exception):
