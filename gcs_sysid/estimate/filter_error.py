@@ -43,7 +43,8 @@ class Fit:
         deviation: one standard deviation of each.
         covariance: of the derivatives, in the order of `keys`.
         keys: coefficient and regressor of each derivative.
-        bound: one standard deviation by the flight alone, were all intensities known.
+        bound: covariance of the derivatives by the flight alone, were all intensities known and
+            innovations independent; of infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
         smoothed: deviations from it, and their covariance.
         last: the last pass of the filter, its innovations among it.
@@ -55,7 +56,7 @@ class Fit:
     deviation: Unknowns
     covariance: Float[np.ndarray, "term term"]
     keys: tuple[tuple[str, str], ...]
-    bound: Float[np.ndarray, " term"]
+    bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
     last: Pass
@@ -103,7 +104,7 @@ def fit(
         ),
         covariance=covariance[taken, taken],
         keys=keys,
-        bound=_bound(done.last.told.matrix, free)[taken],
+        bound=_bound(done.last.told.matrix, free)[taken, taken],
         states=states,
         smoothed=smoothed,
         last=done.last,
@@ -125,15 +126,19 @@ def derivative_keys(
 
 def _bound(
     information: Float[np.ndarray, "parameter parameter"], free: Bool[np.ndarray, " parameter"]
-) -> Float[np.ndarray, " parameter"]:
+) -> Float[np.ndarray, "parameter parameter"]:
     """Cramér–Rao: what no unbiased estimate can beat, infinite where the flight says nothing.
 
     Parameters that are held count as known, and have none.
     """
-    values, vectors = np.linalg.eigh(information[np.ix_(free, free)])
+    chosen = np.ix_(free, free)
+    size = np.sqrt(np.maximum(np.diagonal(information)[free], 1e-300))
+    values, vectors = np.linalg.eigh(information[chosen] / np.outer(size, size))
     seen = values > 1e-12 * values[-1]
-    spread = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    spread = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T / np.outer(size, size)
     hidden = np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-6
-    bound = np.zeros(free.size)
-    bound[free] = np.where(hidden, np.inf, np.sqrt(np.diagonal(spread)))
+    bound = np.zeros_like(information)
+    bound[chosen] = spread
+    places = np.flatnonzero(free)[hidden]
+    bound[places, places] = np.inf
     return bound

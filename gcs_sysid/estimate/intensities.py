@@ -25,7 +25,7 @@ from jaxtyping import Float
 from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise
+from gcs_sysid.model.aided import Linearised, Means, Noise, Row
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Path
@@ -118,23 +118,42 @@ class _Lined(NamedTuple):
     Attributes:
         path: the path.
         rows: linearised, chunk by chunk.
-        mechanics: the part of their Jacobians that no intensity changes.
+        still: what of them no intensity changes.
     """
 
     path: Path
     rows: list[Linearised]
-    mechanics: list[Array]
+    still: list[_Still]
+
+
+class _Still(NamedTuple):
+    """What no intensity changes of linearised rows.
+
+    Attributes:
+        mechanics: their Jacobians, but for what decays by itself.
+        air: nominal air that a step begins with, as an error state.
+    """
+
+    mechanics: Float[Array, "*sample state state"]
+    air: Float[Array, "*sample state"]
 
 
 def _lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> _Lined:
     rows = causal.joined(model, means, log_noise, path)
-    return _Lined(path, rows, [_mechanics(model, means, chunk) for chunk in path.chunks])
+    still, last = [], None
+    for chunk in path.chunks:
+        air = causal.ends(chunk, last).air
+        blown = jnp.concatenate([air.wind, air.gust, air.spin], axis=1)
+        padded = jnp.pad(blown, ((0, 0), (9, aided.SIZE - 18)))
+        still.append(_Still(_mechanics(model, means, chunk), padded))
+        last = jax.tree.map(lambda part: part[-1:], chunk.after)
+    return _Lined(path, rows, still)
 
 
 def _density(log_noise: Noise, lined: _Lined) -> float:
     """Log-likelihood of a flight."""
     start, total = lined.path.start, 0.0
-    for chunk, piece, still in zip(lined.path.chunks, lined.rows, lined.mechanics, strict=True):
+    for chunk, piece, still in zip(lined.path.chunks, lined.rows, lined.still, strict=True):
         start, part = linear_filter.likelihood(start, _at(log_noise, chunk, piece, still))
         total += float(part)
     return total
@@ -221,7 +240,7 @@ def _slope(
     for chunk, piece, still, first, done in zip(
         path.chunks[::-1],
         rows[::-1],
-        lined.mechanics[::-1],
+        lined.still[::-1],
         begun[-2::-1],
         steps[::-1],
         strict=True,
@@ -241,27 +260,21 @@ class _Covered(NamedTuple):
     variance: Float[Array, "*sample row"]
 
 
-def _covered(log_noise: Noise, part: Chunk, still: Float[Array, "state state"]) -> _Covered:
+def _covered(log_noise: Noise, row: Row, still: _Still) -> _Covered:
     """One row; `drift` is the change that the decay of the nominal air makes."""
-    noise, row = aided_smoother.positive(log_noise), part.row
-    half = aided.half_transition(still, noise.turbulence, row.step)
+    noise = aided_smoother.positive(log_noise)
+    half = aided.half_transition(still.mechanics, noise.turbulence, row.step)
     transition = half @ half
     return _Covered(
         transition,
-        transition @ _blown(part),
+        transition @ still.air,
         aided.process(half, row.step, aided.doubted(noise, row)),
         jnp.where(aided.present_rows(row), aided.measurement_variance(noise), 1.0),
     )
 
 
-def _every(log_noise: Noise, chunk: Chunk, still: Array) -> _Covered:
-    return jax.vmap(partial(_covered, log_noise))(chunk, still)
-
-
-def _blown(part: Chunk) -> Float[Array, " state"]:
-    """The nominal air at the beginning of a step, as an error state."""
-    air = part.before.air
-    return jnp.zeros(aided.SIZE).at[9:18].set(jnp.concatenate([air.wind, air.gust, air.spin]))
+def _every(log_noise: Noise, chunk: Chunk, still: _Still) -> _Covered:
+    return jax.vmap(partial(_covered, log_noise))(chunk.row, still)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -276,21 +289,20 @@ def _mechanics(
 
 
 @jax.jit
-def _pulled_back(log_noise: Noise, chunk: Chunk, still: Array, slope: Linearised) -> Noise:
+def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearised) -> Noise:
     _, pull_back = jax.vjp(lambda logs: _every(logs, chunk, still), log_noise)
     found = _Covered(slope.transition, slope.offset, slope.process, slope.variance)
     return pull_back(found)[0]
 
 
 @jax.jit
-def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: Array) -> Linearised:
+def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: _Still) -> Linearised:
     """The rows with other intensities.
 
     The nominal air decays at another rate, which the offset takes up.
     """
     found = _every(log_noise, chunk, still)
-    blown = jax.vmap(_blown)(chunk)
-    decayed = jnp.einsum("kij,kj->ki", found.transition - rows.transition, blown)
+    decayed = jnp.einsum("kij,kj->ki", found.transition - rows.transition, still.air)
     return rows._replace(
         transition=found.transition,
         offset=rows.offset + decayed,
@@ -309,7 +321,7 @@ def _information(
     chunks = lined.path.chunks
     index = len(chunks) // 2
     chunk, rows, still = jax.tree.map(
-        lambda part: part[:SAMPLE_ROWS], (chunks[index], lined.rows[index], lined.mechanics[index])
+        lambda part: part[:SAMPLE_ROWS], (chunks[index], lined.rows[index], lined.still[index])
     )
     flat, unravel = ravel_pytree(log_noise)
     here = _at(log_noise, chunk, rows, still)

@@ -61,7 +61,7 @@ UNBELIEVED = 3.0
 """White noise of acceleration and angular acceleration where the equations are not to be believed
 [m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
 ATTITUDE_FLOOR = 2e-4
-"""Of white noise of an attitude [rad]: a fraction of a millisecond of its stamp in a lively turn."""
+"""Of white noise of an attitude [rad]: less than a millisecond of its stamp in a lively turn."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -431,13 +431,18 @@ def process(
         step: its length [s].
         noise: intensities.
     """
-    coupling = air.coupling_matrix(noise.turbulence)
-    shape = jnp.eye(SIZE).at[BLOCKS["spin"], BLOCKS["gust"]].set(coupling)
-    shape = shape.at[BLOCKS["spin"], BLOCKS["spin"]].set(air.field_axes(noise.turbulence))
+    shape = noise_shape(noise.turbulence)
     late = (shape * process_density(noise)[None, :]) @ shape.T
     middle = half @ late @ half.T
     early = half @ middle @ half.T
     return step / 6.0 * (late + 4.0 * middle + early)
+
+
+def noise_shape(turbulence: Turbulence) -> Float[Array, "state state"]:
+    """How white noises of `process_density` push the states: gusts turn the air as they come."""
+    spin = BLOCKS["spin"]
+    shape = jnp.eye(SIZE).at[spin, BLOCKS["gust"]].set(air.coupling_matrix(turbulence))
+    return shape.at[spin, spin].set(air.field_axes(turbulence))
 
 
 def doubted(noise: Noise, row: Row) -> Noise:

@@ -159,7 +159,8 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
     values = fit.unknowns.means.aerodynamics
     value = np.array([float(values[name][key]) for name, key in fit.keys])
     first = np.array_equal(np.linalg.inv(before.covariance), before.precision)
-    bound = fit.bound if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / fit.bound)
+    least = np.sqrt(np.diagonal(fit.bound))
+    bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
     return before._replace(value=value, covariance=fit.covariance, bound=bound)
 
 

@@ -109,7 +109,7 @@ def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> li
     found, last = [], None
     for chunk in path.chunks:
         rows = aided_smoother.linearised(model, means, log_noise, chunk)
-        leap = _leaps(_ends(chunk, last), chunk.before)
+        leap = _leaps(ends(chunk, last), chunk.before)
         carried = jnp.einsum("kij,kj->ki", rows.transition, leap)
         found.append(rows._replace(offset=rows.offset + carried))
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
@@ -124,9 +124,9 @@ def filtered(
     for chunk, piece in zip(path.chunks, rows, strict=True):
         end, done = linear_filter.run(begun[-1], piece)
         before = jnp.concatenate([begun[-1].mean[None], done.updated.mean[:-1]])
-        ends = _ends(chunk, last)
+        ended = ends(chunk, last)
         chunks.append(
-            Chunk(_moved(ends, before), _moved(chunk.after, done.predicted.mean), chunk.row)
+            Chunk(_moved(ended, before), _moved(chunk.after, done.predicted.mean), chunk.row)
         )
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
         begun.append(end)
@@ -219,8 +219,8 @@ def _columns(values: np.ndarray, asked: np.ndarray, size: int) -> np.ndarray:
     return out
 
 
-def _ends(chunk: Chunk, last: State | None) -> State:
-    """Where the row before each one ended."""
+def ends(chunk: Chunk, last: State | None) -> State:
+    """Where the row before each one ended; `last` is the end of the chunk before."""
     first = jax.tree.map(lambda part: part[:1], chunk.before) if last is None else last
     return jax.tree.map(lambda one, rest: jnp.concatenate([one, rest[:-1]]), first, chunk.after)
 

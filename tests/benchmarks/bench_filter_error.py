@@ -1,172 +1,256 @@
-"""What aerodynamics inside the filter do for the flow angles, and what they are found to be.
+"""Filter error against truth: flow angles, coefficients, intervals of derivatives, and time.
 
-Long: run it apart. `--minutes M` fits the first M minutes only.
+Without options the flight of known truth beside the checkout, its aerodynamics ignored. With
+`--flights N` that many flights of our own simulator, each with its own gusts, wind and sensors;
+long, so run it apart. Results of flights that were fitted before are kept in `--folder`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
 import sys
 import time as clock
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from gcs_sysid import aircraft_file, frames  # noqa: E402 - found from ROOT
-from gcs_sysid.aircraft import COEFFICIENTS, Aircraft  # noqa: E402
-from gcs_sysid.estimate import filter_error  # noqa: E402
-from gcs_sysid.estimate.filter_error import Fit, Flight  # noqa: E402
-from gcs_sysid.model import rigid_body  # noqa: E402
-from gcs_sysid.model.aided import State  # noqa: E402
-from gcs_sysid.offline import aided_flight  # noqa: E402
-from gcs_sysid.reconstruct import aided_smoother  # noqa: E402
-from gcs_sysid.reconstruct.aided_smoother import FlightModel  # noqa: E402
+from gcs_sysid import aircraft_file, regressors  # noqa: E402 - found from ROOT
+from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS, Aircraft  # noqa: E402
+from gcs_sysid.cli import numerics  # noqa: E402
+from gcs_sysid.estimate import basis  # noqa: E402
+from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
+from gcs_sysid.offline import aided_fit, flight, maneuver_choice  # noqa: E402
+from gcs_sysid.offline.flight import Flight  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
 from tests.benchmarks import table  # noqa: E402
-from tests.reconstruct import truth  # noqa: E402
 
 CASES = ROOT.parent / "shared" / "cases"
+OWN = ROOT / "data" / "aircraft" / "aerosonde.toml"
 SETTLED = 5.0
 """Seconds at both ends that are not scored."""
-WRONG = 0.3
-Terms = dict[str, dict[str, float]]
+Z95 = 1.96
+Columns = dict[str, np.ndarray]
 
 
-def terms_of(aircraft: Aircraft, error: float) -> Terms:
-    """The file's derivatives, each wrong by `error` of itself, up or down."""
-    rng = np.random.default_rng(3)
-    return {
-        name: {
-            key: item.value * (1.0 + error * rng.choice([-1.0, 1.0]))
-            for key, item in model.terms.items()
-        }
-        for name, model in aircraft.aerodynamics.items()
-    }
-
-
-def known(case: Path) -> dict[str, np.ndarray]:
+def known(folder: Path) -> Columns:
     """Truth by column, and `time` in seconds of the recording."""
-    with np.load(case / "truth.npz") as file:
+    with np.load(folder / "truth.npz") as file:
         columns = {str(name): file["rows"][:, i] for i, name in enumerate(file["cols"])}
         begun = int(file["t0_us"])
-    epoch = open_recording(case / "flight.tlog").epoch_us
+    epoch = open_recording(folder / "flight.tlog").epoch_us
     return {**columns, "time": columns["t"] + (begun - epoch) * 1e-6}
 
 
-def flow_errors(states: State, time: np.ndarray, true: dict[str, np.ndarray]) -> tuple[float, ...]:
+def flow_errors(found: Flight, true: Columns) -> list[float]:
     """Error of angle of attack and sideslip, rms [deg]."""
-    through = states.velocity - states.air.wind - states.air.gust
-    _, *angles = frames.flow_angles(frames.unrotate(states.attitude, through))
+    states = found.reconstruction
+    time = states.time
     inside = (time > time[0] + SETTLED) & (time < time[-1] - SETTLED)
-    errors = [
-        found - np.interp(time, true["time"], true[name])
-        for name, found in zip(("alpha", "beta"), angles, strict=True)
+    return [
+        float(
+            np.rad2deg(
+                np.sqrt(np.mean((each - np.interp(time, true["time"], true[name]))[inside] ** 2))
+            )
+        )
+        for name, each in (("alpha", states.alpha), ("beta", states.beta))
     ]
-    return tuple(float(np.rad2deg(np.sqrt(np.mean(error[inside] ** 2)))) for error in errors)
 
 
-def model_errors(aircraft: Aircraft, fit: Fit, true: dict[str, np.ndarray]) -> dict[str, float]:
-    """100·std(model − true)/std(true) at the true regressors of a flight."""
+def true_flow(aircraft: Aircraft, true: Columns) -> Columns:
+    """True regressors of a flight."""
     shape, half = aircraft.geometry, 0.5 / true["V"]
-    flow = {
+    return {
         **{name: true[name] for name in ("alpha", "beta", "V", *aircraft.control_names)},
         "phat": true["p_air"] * shape.wing_span * half,
         "qhat": true["q_air"] * shape.mean_chord * half,
         "rhat": true["r_air"] * shape.wing_span * half,
+        "1": np.ones_like(half),
     }
-    flow = {name: jnp.asarray(values) for name, values in flow.items()}
-    values = rigid_body.parameters(aircraft)
-    wanted = rigid_body.coefficients(aircraft, values, flow)
-    found = values._replace(aerodynamics=fit.unknowns.means.aerodynamics)
-    off = rigid_body.coefficients(aircraft, found, flow) - wanted
-    shares = 100.0 * np.std(np.asarray(off), axis=0) / np.std(np.asarray(wanted), axis=0)
-    return dict(zip(COEFFICIENTS, map(float, shares), strict=True))
 
 
-def within(fit: Fit, true: Terms) -> str:
-    """How many intervals hold what flew."""
-    deviation = np.sqrt(np.diagonal(fit.covariance))
-    found = fit.unknowns.means.aerodynamics
-    held = 0
-    for (name, key), size in zip(fit.keys, deviation, strict=True):
-        off = float(found[name][key]) - true[name][key]
-        held += bool(abs(off) < 2.0 * size)
-        print(
-            f"{name}_{key}: {float(found[name][key]):.4g} +- {size:.2g}, flew {true[name][key]:.4g}"
+def model_errors(
+    aircraft: Aircraft, fit: Fit, bound: np.ndarray, true: Columns
+) -> dict[str, dict[str, float]]:
+    """100·std(model − true)/std(true) on another flight, and what the bound leaves of it.
+
+    Args:
+        aircraft: with its true aerodynamics.
+        fit: derivatives found.
+        bound: covariance of derivatives that no estimate can beat.
+        true: columns of the other flight.
+    """
+    flow, out = true_flow(aircraft, true), {}
+    for name in COEFFICIENTS:
+        rows = [index for index, key in enumerate(fit.keys) if key[0] == name]
+        keys = tuple(fit.keys[index][1] for index in rows)
+        values = fit.unknowns.means.aerodynamics[name]
+        columns = basis.columns(keys, aircraft.control_names, flow)
+        terms = aircraft.aerodynamics[name].terms
+        told = columns @ np.array([float(values[key]) for key in keys])
+        flew = basis.columns(tuple(terms), aircraft.control_names, flow) @ np.array(
+            [item.value for item in terms.values()]
         )
-    return f"{held} of {len(fit.keys)}"
+        spread = float(np.std(flew))
+        least = np.trace(
+            np.cov(columns.T, bias=True).reshape(len(rows), -1) @ bound[np.ix_(rows, rows)]
+        )
+        out[name] = {
+            "error": 100.0 * float(np.std(told - flew)) / spread,
+            "mean": 100.0 * float(np.mean(told - flew)) / spread,
+            "bound": 100.0 * float(np.sqrt(least)) / spread,
+        }
+    return out
 
 
-def shortened(flight: Flight, minutes: float) -> Flight:
-    count = int(np.searchsorted(np.cumsum(flight.rows.step), 60.0 * minutes))
-
-    def cut(values: np.ndarray) -> np.ndarray:
-        return np.asarray(values)[:count]
-
-    return Flight(
-        jax.tree.map(cut, flight.rows), jax.tree.map(cut, flight.nominal), flight.beginning
+def scored(folder: Path, other: Path, aircraft: Aircraft, seed: int) -> dict[str, Any]:
+    """Fits a flight without its aerodynamics, and compares."""
+    log = folder / "flight.tlog"
+    one = flight.read(
+        log,
+        aircraft,
+        vehicle=None,
+        segments=maneuver_choice.chooser(None, aircraft),
+        delay=None,
+        progress=lambda *_: None,
+        measured=True,
     )
+    structure = regressors.default_structure(aircraft)
+    begun = clock.perf_counter()
+    found = aided_fit.identify([one], aircraft, structure, None, (), lambda *_: None)
+    seconds = clock.perf_counter() - begun
+    fit = found.fits[0]
+    values, sizes = fit.unknowns.means.aerodynamics, np.sqrt(np.diagonal(fit.covariance))
+    derivatives = {}
+    for (name, key), size, least in zip(
+        fit.keys, sizes, np.sqrt(np.diagonal(fit.bound)), strict=True
+    ):
+        item = aircraft.aerodynamics[name].terms.get(key)
+        flew = item.value if item is not None else 0.0
+        derivatives[f"{name}_{key}"] = [float(values[name][key]), float(size), flew, float(least)]
+    return {
+        "seed": seed,
+        "seconds": seconds,
+        "converged": fit.converged,
+        "flow": flow_errors(found.flights[0], known(folder)),
+        "coefficients": model_errors(aircraft, fit, fit.bound, known(other)),
+        "derivatives": derivatives,
+    }
+
+
+def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
+    """Prints errors beside bounds, flow angles, and how many intervals hold."""
+    rows = []
+    for coefficient in COEFFICIENTS:
+        each = [result["coefficients"][coefficient] for result in results]
+        error, bound = (np.mean([item[key] for item in each]) for key in ("error", "bound"))
+        rows.append((coefficient, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
+    for words, names in (("forces", FORCES), ("moments", MOMENTS)):
+        error, bound = (
+            np.mean([r["coefficients"][c][key] for r in results for c in names])
+            for key in ("error", "bound")
+        )
+        rows.append((words, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
+    table.show(
+        f"{name}_models",
+        f"{title}: error on another flight in % of the spread, and the least that is possible",
+        ("", "error", "bound", "ratio"),
+        rows,
+    )
+    off = {
+        key: np.array(
+            [
+                (r["derivatives"][key][0] - r["derivatives"][key][2]) / r["derivatives"][key][1]
+                for r in results
+            ]
+        )
+        for key in results[0]["derivatives"]
+    }
+    pooled = np.concatenate(list(off.values()))
+    alpha, beta = np.mean([result["flow"] for result in results], axis=0)
+    table.show(
+        f"{name}_intervals",
+        f"{title}: flow angles, intervals and time",
+        (
+            "flights",
+            "alpha [°]",
+            "beta [°]",
+            "95 % intervals that hold",
+            "fewest",
+            "converged",
+            "s a flight",
+        ),
+        [
+            (
+                len(results),
+                f"{alpha:.2f}",
+                f"{beta:.2f}",
+                f"{100.0 * np.mean(np.abs(pooled) < Z95):.0f} %",
+                min((float(np.mean(np.abs(z) < Z95)), key) for key, z in off.items())[1],
+                sum(result["converged"] for result in results),
+                f"{np.median([result['seconds'] for result in results]):.0f}",
+            )
+        ],
+    )
+    table.show(
+        f"{name}_derivatives",
+        f"{title}: mean and spread of (found − true)/sd, share within 95 %",
+        ("derivative", "mean", "spread", "hold"),
+        [
+            (key, f"{z.mean():+.2f}", f"{z.std():.2f}", f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %")
+            for key, z in off.items()
+        ],
+    )
+
+
+def flown(folder: Path, seed: int) -> None:
+    """Flies one of our own, unless it was flown before."""
+    if (folder / "truth.npz").exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    command = [sys.executable, "-m", "gcs_sysid", "sitl", "--aircraft", str(OWN)]
+    command += ["--record", str(folder / "flight.tlog"), "--truth", str(folder / "truth.npz")]
+    command += ["--seed", str(seed), "--gust", f"{rng.uniform(1.2, 1.9):.2f}"]
+    command += ["--wind", f"{rng.uniform(0.0, 360.0):.0f}", f"{rng.uniform(2.0, 7.0):.1f}"]
+    subprocess.run(command, check=True, capture_output=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--flights", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=7000, help="of the first flight")
+    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "filter_error")
     parser.add_argument("--save", action="store_true")
     asked = parser.parse_args()
-    jax.config.update("jax_enable_x64", True)
-    if not CASES.is_dir():
-        print("filter error: no flights of known truth beside the checkout")
+    numerics.enable()
+    if not asked.flights:
+        if not CASES.is_dir():
+            print("filter error: no flights of known truth beside the checkout")
+            return
+        aircraft = aircraft_file.load(CASES / "clean" / "aircraft.toml")
+        result = scored(CASES / "clean", CASES / "clean_second", aircraft, 0)
+        shown("filter_error", "Filter error on clean, aerodynamics ignored", [result])
         return
-    case = CASES / "clean"
-    aircraft = aircraft_file.load(case / "aircraft.toml")
-    recording = open_recording(case / "flight.tlog")
-    states = truth.reconstructed(case / "flight.tlog", case / "aircraft.toml")
-    true = known(case)
-    flight = shortened(aided_flight.prepare(recording, aircraft, states), asked.minutes)
-    time = states.time[0] + np.cumsum(flight.rows.step)
-    rows = [("kinematic, no aerodynamics", *flow_errors(flight.nominal, time, true))]
-    for error in (0.0, WRONG):
-        terms = terms_of(aircraft, error)
-        first = aided_flight.first_unknowns(flight, states, terms)
-        model = FlightModel(aided_flight.with_structure(aircraft, terms))
-        smoothed, _ = aided_smoother.iterated(
-            model, *first, flight.rows, flight.nominal, flight.beginning, rounds=4
-        )
-        rows.append((f"derivatives {100 * error:.0f} % wrong", *flow_errors(smoothed, time, true)))
-    if asked.fit:
-        none = {name: dict.fromkeys(values, np.inf) for name, values in terms.items()}
-        prior, sigma = aided_flight.beliefs(first, aircraft, vanes=False, known=none)
-        begun = clock.perf_counter()
-        fit = filter_error.fit(model, flight, first, prior, sigma, print)
-        seconds = clock.perf_counter() - begun
-        rows.append(("filter error, from there", *flow_errors(fit.states, time, true)))
-        errors = model_errors(aircraft, fit, known(CASES / "clean_second"))
-        table.show(
-            "filter_error_models",
-            f"Filter error on clean from derivatives {100 * WRONG:.0f} % wrong, no prior: error at "
-            f"the true regressors of clean_second in % of the spread ({seconds:.0f} s, "
-            f"{asked.minutes:g} minutes, {'converged' if fit.converged else 'not converged'})",
-            (*COEFFICIENTS, "derivatives within 2 sd"),
-            [
-                [
-                    *(f"{errors[name]:.1f}" for name in COEFFICIENTS),
-                    within(fit, terms_of(aircraft, 0.0)),
-                ]
-            ],
-        )
-    table.show(
-        "filter_error",
-        "Flow angles on clean (gusts of 3 m/s, no vanes) with the aerodynamics inside the filter, "
-        "before any fit",
-        ("filter", "alpha rms [°]", "beta rms [°]"),
-        [(name, f"{alpha:.2f}", f"{beta:.2f}") for name, alpha, beta in rows],
-    )
+    aircraft = aircraft_file.load(OWN)
+    other = asked.folder / "other"
+    flown(other, asked.seed - 1)
+    results = []
+    for seed in range(asked.seed, asked.seed + asked.flights):
+        folder = asked.folder / str(seed)
+        flown(folder, seed)
+        kept = folder / "result.json"
+        if not kept.exists():
+            kept.write_text(json.dumps(scored(folder, other, aircraft, seed)))
+        results.append(json.loads(kept.read_text()))
+        print(f"flight {seed}: {results[-1]['seconds']:.0f} s", flush=True)
+    shown("filter_error_flights", f"{len(results)} own flights", results)
 
 
 if __name__ == "__main__":

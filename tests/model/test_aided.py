@@ -50,7 +50,7 @@ FLYING = replace(
     },
 )
 QUIET = Turbulence(
-    *(jnp.ones(2),) * 2, *(jnp.ones(3),) * 2, coupling=jnp.array([0.1, -0.2, 0.15, 0.05])
+    *(jnp.ones(2),) * 2, *(jnp.ones(3),) * 2, jnp.array([0.1, -0.2]), azimuth=jnp.asarray(0.7)
 )
 
 
@@ -186,7 +186,8 @@ NOISE = Noise(
     QUIET._replace(
         gust=jnp.array([1.0, 2.0]),
         spin=jnp.array([0.05, 0.07, 0.1]),
-        coupling=jnp.array([0.2, 0.1, 0.3, 0.2]),
+        coupling=jnp.array([0.2, 0.3]),
+        azimuth=jnp.asarray(0.4),
     ),
     *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.asarray(0.1)),
     *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
@@ -255,8 +256,13 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     length, size = 0.02, aided.SIZE
     # Rates up to those of the roll mode of a small aircraft and of the gusts' rotation.
     rates = 0.3 * rng.standard_normal((size, size)) + np.diag(-20.0 * rng.uniform(size=size))
-    shape = np.eye(size)
-    shape[BLOCKS["spin"], BLOCKS["gust"]] = [[0, 0, 0.2], [0, 0, 0.1], [0.3, 0.2, 0]]
+    shape, across = np.eye(size), np.array([-np.sin(0.4), np.cos(0.4), 0.0])
+    down = np.array([0.0, 0.0, 1.0])
+    shape[BLOCKS["spin"], BLOCKS["gust"]] = 0.2 * np.outer(across, down)
+    shape[BLOCKS["spin"], BLOCKS["gust"]] += 0.3 * np.outer(down, across)
+    shape[BLOCKS["spin"], BLOCKS["spin"]] = np.stack(
+        [np.array([np.cos(0.4), np.sin(0.4), 0.0]), across, down], axis=1
+    )
     density = shape @ np.diag(np.asarray(aided.process_density(NOISE))) @ shape.T
     block = np.block([[-rates, density], [np.zeros((size, size)), rates.T]])
     both = scipy.linalg.expm(block * length)

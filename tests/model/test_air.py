@@ -13,7 +13,8 @@ TURBULENCE = Turbulence(
     gust_time=jnp.array([4.0, 6.0]),
     spin=jnp.array([0.06, 0.08, 0.05]),
     spin_time=jnp.array([0.2, 0.3, 0.1]),
-    coupling=jnp.array([0.1, 0.2, 0.3, -0.4]),
+    coupling=jnp.array([0.2, -0.4]),
+    azimuth=jnp.asarray(0.5 * np.pi),
 )
 
 
@@ -29,14 +30,26 @@ def test_a_gust_of_its_stated_size_keeps_it() -> None:
 
 
 def test_a_dying_gust_turns_the_air_by_the_coupling() -> None:
-    """Spin starts to change by C dg, and its own part decays with its own time."""
+    """Spin starts to change by C dg, and its own part decays with its own time.
+
+    With the field along east, across is south: there a vertical gust turns the air, and it is the
+    gust toward south that turns it about down.
+    """
     gust, spin = jnp.array([0.5, -0.4, 2.0]), jnp.array([0.1, 0.2, -0.3])
     change = air.drift(Air(jnp.ones(3), gust, spin), TURBULENCE)
     np.testing.assert_allclose(change.wind, 0.0)
     dying = np.array([-0.5 / 4.0, 0.4 / 4.0, -2.0 / 6.0])
     np.testing.assert_allclose(change.gust, dying)
-    coupled = np.array([0.1 * dying[2], 0.2 * dying[2], 0.3 * dying[0] - 0.4 * dying[1]])
-    np.testing.assert_allclose(change.spin, coupled - np.array([0.5, 2.0 / 3.0, -3.0]), rtol=1e-12)
+    coupled = np.array([0.2 * -dying[2], 0.0, -0.4 * -dying[0]])
+    own = np.array([0.1 / 0.3, 0.2 / 0.2, -0.3 / 0.1])
+    np.testing.assert_allclose(change.spin, coupled - own, rtol=1e-12, atol=1e-15)
+
+
+def test_a_field_turned_by_half_a_circle_is_the_same_with_the_signs_changed() -> None:
+    turned = TURBULENCE._replace(coupling=-TURBULENCE.coupling, azimuth=TURBULENCE.azimuth + np.pi)
+    np.testing.assert_allclose(
+        air.coupling_matrix(turned), air.coupling_matrix(TURBULENCE), atol=1e-15
+    )
 
 
 def test_scales_of_turbulence_are_those_of_the_specification() -> None:

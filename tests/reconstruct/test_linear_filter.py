@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 from gcs_sysid.model.aided import Linearised
 from gcs_sysid.reconstruct import linear_filter
-from gcs_sysid.reconstruct.linear_filter import Belief, Information
+from gcs_sysid.reconstruct.linear_filter import Belief
 
 STATES, ROWS, STEPS = 4, 3, 9
 TIGHT = 1e-9
@@ -137,91 +137,38 @@ def test_two_chunks_have_the_gradient_of_one() -> None:
         np.testing.assert_allclose(one, np.concatenate(parts), atol=1e-10)
 
 
-def test_information_is_that_of_the_joint_density() -> None:
-    start, rows = system(everything=True)
-    rng = np.random.default_rng(8)
-    motion = rng.standard_normal((STEPS, STATES, 2))
-    seen = rng.standard_normal((STEPS, ROWS, 2))
-    _, covariance = dense(start, rows)
-    matrix, _, variance = observed(rows)
-    spread = matrix @ covariance @ matrix.T + np.diag(variance)
-    change = np.zeros((STEPS * STATES, 2))
-    moved = np.zeros((STATES, 2))
-    for k in range(STEPS):
-        moved = np.asarray(rows.transition[k]) @ moved + motion[k]
-        change[k * STATES : (k + 1) * STATES] = moved
-    slope = seen.reshape(-1, 2) - matrix @ change
-    wanted = slope.T @ np.linalg.solve(spread, slope)
-    nothing = Information(start, jnp.zeros((STATES, 2)), jnp.zeros((2, 2)))
-    found = linear_filter.inform(nothing, rows, jnp.asarray(motion), jnp.asarray(seen))
-    np.testing.assert_allclose(found.matrix, wanted, rtol=TIGHT)
-
-
-def test_the_smoothed_flight_moves_with_the_matrices_as_the_adjoint_says() -> None:
-    """Against the smoother itself, differentiated through all its steps."""
-    start, rows = system()
-    force = jnp.asarray(np.random.default_rng(5).standard_normal((STEPS, STATES)))
-    begun = start
-
-    def pulled(matrices: Linearised) -> jax.Array:
-        end, done = linear_filter.run(begun, matrices)
-        _, smoothed = linear_filter.smooth(end, begun, matrices, done)
-        return jnp.sum(force * smoothed.mean)
-
-    real = rows._replace(present=rows.present.astype(float))
-    wanted = jax.grad(pulled)(real)
-    zero = jnp.zeros(STATES)
-    # In two chunks, as flights come.
-    half = STEPS // 2
-    cut = [jax.tree.map(lambda part, s=s: part[s], rows) for s in (slice(half), slice(half, None))]
-    pulls = [force[:half], force[half:]]
-    middle, done = linear_filter.run(start, cut[0])
-    _, late = linear_filter.run(middle, cut[1])
-    mean, answer = linear_filter.push(zero, cut[0], done, pulls[0])
-    _, answer_late = linear_filter.push(mean, cut[1], late, pulls[1])
-    later, second = linear_filter.implicit(
-        middle, mean, cut[1], late, answer_late, pulls[1], (zero, zero)
-    )
-    _, first = linear_filter.implicit(start, zero, cut[0], done, answer, pulls[0], later)
-    for name in ("transition", "offset", "process", "sensitivity", "residual", "variance"):
-        found = np.concatenate([getattr(first, name), getattr(second, name)])
-        expected = np.asarray(getattr(wanted, name))
-        if name == "process":
-            expected = 0.5 * (expected + np.swapaxes(expected, 1, 2))
-        present = np.asarray(rows.present)
-        if name in ("sensitivity", "residual", "variance"):
-            found, expected = found[present], expected[present]
-        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8, err_msg=name)
-
-
-def test_the_innovations_covariance_changes_with_all_matrices() -> None:
+def test_innovations_and_their_covariance_change_with_all_matrices() -> None:
     start, rows = system()
     rng = np.random.default_rng(6)
-
-    def near(size: float) -> Linearised:
-        draw = {
-            name: getattr(rows, name) + size * moves[name]
-            for name in ("transition", "process", "sensitivity", "variance")
-        }
-        return rows._replace(**draw)
-
-    moves = {
-        name: rng.standard_normal(getattr(rows, name).shape)
-        for name in ("transition", "process", "sensitivity", "variance")
-    }
+    names = ("transition", "offset", "process", "sensitivity", "residual", "variance")
+    moves = {name: rng.standard_normal(getattr(rows, name).shape) for name in names}
     moves["process"] = moves["process"] + np.swapaxes(moves["process"], 1, 2)
     present = np.asarray(rows.present)
     moves["sensitivity"] *= present[:, :, None]
-    moves["variance"] *= present
+    for name in ("residual", "variance"):
+        moves[name] *= present
 
-    def spreads(size: float) -> np.ndarray:
-        factor = np.linalg.inv(linear_filter.run(start, near(size))[1].root)
-        return factor @ np.swapaxes(factor, 1, 2)
+    def near(size: float) -> Linearised:
+        return rows._replace(**{name: getattr(rows, name) + size * moves[name] for name in names})
+
+    def expected(size: float) -> tuple[np.ndarray, np.ndarray]:
+        done = linear_filter.run(start, near(size))[1]
+        factor = np.linalg.inv(done.root)
+        missed = np.einsum("kij,kj->ki", factor, done.whitened)
+        return missed, factor @ np.swapaxes(factor, 1, 2)
 
     size = 1e-6
-    factor = np.linalg.inv(linear_filter.run(start, rows)[1].root)
-    wanted = (spreads(size) - spreads(-size)) / 2.0
-    found = factor @ np.asarray(linear_filter.spread_change(start, rows, near(size)))
-    found = found @ np.swapaxes(factor, 1, 2)
+    root = np.asarray(linear_filter.run(start, rows)[1].root)
+    (missed, spread), (before, less) = expected(size), expected(-size)
+    found = linear_filter.change(start, rows, near(size))
     # Central differences of numbers of order one: good to 1e-16/1e-6 of the change.
-    np.testing.assert_allclose(found, wanted, atol=1e-8 * size / 1e-6)
+    np.testing.assert_allclose(
+        found.innovation,
+        np.einsum("kij,kj->ki", root, missed - before) / 2.0,
+        atol=1e-8 * size / 1e-6,
+    )
+    np.testing.assert_allclose(
+        found.spread,
+        root @ (spread - less) @ np.swapaxes(root, 1, 2) / 2.0,
+        atol=1e-8 * size / 1e-6,
+    )

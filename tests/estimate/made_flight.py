@@ -1,0 +1,153 @@
+"""Eight seconds of flight made with the model's own equations, every noise at its stated size.
+
+Such a flight proves the algebra of an estimator and nothing about aircraft.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gcs_sysid import frames
+from gcs_sysid.aircraft import Aircraft, CoefficientModel, Control, Geometry, Mass, Servo, Value
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns
+from gcs_sysid.model import aided, rigid_body
+from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
+from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.kinematics import Measurements
+from gcs_sysid.reconstruct import aided_smoother
+from gcs_sysid.reconstruct.aided_smoother import Beginning, FlightModel
+
+TERMS = {
+    "CZ": {"1": -0.25, "alpha": -5.0},
+    "CY": {"beta": -0.5},
+    "Cl": {"beta": -0.05, "phat": -0.45},
+    "Cm": {"alpha": -0.8, "qhat": -12.0, "elevator": -0.9},
+    "Cn": {"beta": 0.08, "rhat": -0.15},
+}
+AIRCRAFT = Aircraft(
+    name="made up",
+    mass=Mass(2.0, 0.07, 0.09, 0.15),
+    geometry=Geometry(0.31, 1.27, 0.25),
+    servos=(Servo(2, "elevator", (1000.0, 2000.0), (-0.5, 0.5)),),
+    controls=(Control("elevator", {"elevator": 1.0}),),
+    aerodynamics={
+        name: CoefficientModel({key: Value(value, 0.1) for key, value in terms.items()})
+        for name, terms in TERMS.items()
+    },
+)
+MODEL = FlightModel(AIRCRAFT)
+"""One for all tests: what is compiled belongs to it."""
+STEP, COUNT = 0.02, 400
+
+
+def unknowns(scale: float) -> Unknowns:
+    """Everything at its true value but the derivatives, which are `scale` times theirs."""
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, *[zero] * 6)
+    values = rigid_body.parameters(AIRCRAFT).aerodynamics
+    scaled = {
+        name: {key: scale * value for key, value in terms.items()} for name, terms in values.items()
+    }
+    noise = Noise(
+        Turbulence(
+            jnp.log(jnp.array([0.3, 0.3])),
+            jnp.log(jnp.array([3.0, 3.0])),
+            jnp.log(jnp.full(3, 0.02)),
+            jnp.log(jnp.full(3, 0.2)),
+            jnp.array([0.1, 0.15]),
+            jnp.asarray(0.6),
+        ),
+        force=jnp.log(jnp.asarray(0.02)),
+        moment=jnp.log(jnp.full(3, 0.02)),
+        attitude_error=jnp.log(jnp.full(2, 0.003)),
+        push=jnp.log(jnp.asarray(0.05)),
+        gyro=jnp.log(jnp.asarray(0.004)),
+        accelerometer=jnp.log(jnp.asarray(0.1)),
+        airspeed=jnp.log(jnp.asarray(0.2)),
+        velocity=jnp.log(jnp.full(2, 0.1)),
+        attitude=jnp.log(jnp.full(2, 0.001)),
+        vanes=jnp.log(jnp.asarray(0.01)),
+    )
+    return Unknowns(Means(scaled, sensors), noise)
+
+
+def made_flight() -> Flight:
+    """Eight seconds with elevator inputs, every noise drawn at its stated size."""
+    rng = np.random.default_rng(21)
+    means, logs = unknowns(1.0)
+    noise = aided_smoother.positive(logs)
+    time = STEP * np.arange(COUNT)
+    elevator = 0.04 * np.sign(np.sin(2.0 * np.pi * 0.9 * time)) - 0.03
+    rows = empty(elevator)
+    state = State(
+        frames.quaternion_from_euler(jnp.array([0.0, 0.08, 0.5])),
+        jnp.array([15.0, 8.2, 0.0]),
+        jnp.zeros(3),
+        Air(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
+        jnp.zeros(3),
+        jnp.zeros(1),
+    )
+
+    @jax.jit
+    def ahead(now: State, row: Row, shock: jax.Array) -> tuple[State, jax.Array]:
+        moved = aided.advance(AIRCRAFT, means, noise.turbulence, now, row)
+        moved = aided.compose(moved, shock)
+        return moved, aided.innovation(AIRCRAFT, means, moved, row)
+
+    size = np.sqrt(STEP * np.asarray(aided.process_density(noise)))
+    shape = np.asarray(aided.noise_shape(noise.turbulence))
+    white = np.sqrt(np.asarray(aided.measurement_variance(noise)))
+    states, seen = [], []
+    for index in range(COUNT):
+        row = jax.tree.map(lambda part, index=index: part[index], rows)
+        shock = shape @ (size * rng.standard_normal(aided.SIZE)) * (index > 0)
+        state, left = ahead(state, row, jnp.asarray(shock))
+        states.append(state)
+        # What a perfect sensor would read is what leaves no innovation.
+        seen.append(-np.asarray(left) + white * rng.standard_normal(aided.ROW_COUNT))
+    readings = np.stack(seen)
+    nominal = jax.tree.map(lambda *parts: np.stack([np.asarray(part) for part in parts]), *states)
+    shown = frames.multiply(frames.exponential(nominal.attitude_error), nominal.attitude)
+    measured = rows.measured._replace(
+        airspeed=readings[:, aided.ROWS["airspeed"]],
+        velocity=readings[:, aided.ROWS["velocity"]],
+        attitude=frames.multiply(
+            shown, frames.exponential(white[10:13] * rng.standard_normal((COUNT, 3)))
+        ),
+    )
+    rows = rows._replace(
+        gyro=readings[:, aided.ROWS["gyro"]],
+        accelerometer=readings[:, aided.ROWS["accelerometer"]],
+        measured=measured,
+    )
+    deviation = jnp.full(aided.SIZE, 0.05)
+    first = jax.tree.map(lambda part: part[0], nominal)
+    return Flight(rows, nominal, Beginning(first, jnp.diag(deviation**2)))
+
+
+def empty(elevator: np.ndarray) -> Row:
+    """Rows whose sensors all read nothing."""
+    controls = np.repeat(elevator[:, None, None], 3, axis=1)
+    return Row(
+        step=np.where(np.arange(COUNT) > 0, STEP, 0.0),
+        controls=controls,
+        control_slopes=np.zeros_like(controls),
+        control_changes=np.zeros((*controls.shape, 0)),
+        settings=np.zeros((COUNT, 3, 0)),
+        density=np.full(COUNT, 1.2),
+        height=np.full(COUNT, 100.0),
+        gyro=np.zeros((COUNT, 3)),
+        accelerometer=np.zeros((COUNT, 3)),
+        inertial=np.ones(COUNT, dtype=bool),
+        modelled=np.ones(COUNT, dtype=bool),
+        measured=Measurements(
+            airspeed=np.zeros((COUNT, 1)),
+            velocity=np.zeros((COUNT, 3)),
+            attitude=np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (COUNT, 1)),
+            vanes=np.zeros((COUNT, 2)),
+            valid=np.tile(np.array([True, True, True, False]), (COUNT, 1)),
+            age=np.zeros((COUNT, 4)),
+        ),
+    )
