@@ -13,6 +13,8 @@ from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.estimate.verdict import COLLINEAR, collinear_with
 from gcs_sysid.offline.flight import Flight
 
+BLURRED = 0.5
+"""An angle of attack known no better than this [°] blurs what depends on it."""
 GUSTY = 0.03
 """Gust over airspeed from which flow angles without vanes are no use for slopes."""
 INPUT: Mapping[str, str] = {
@@ -75,20 +77,26 @@ def warnings(flights: Sequence[Flight], model: AeroModel) -> list[str]:
     return list(dict.fromkeys(out))
 
 
+def gusty(flight: Flight) -> bool:
+    """Whether gusts blur the flow angles of a flight."""
+    states = flight.reconstruction
+    return float(states.noise.gust[0]) > GUSTY * float(np.median(states.airspeed))
+
+
 def flight_warnings(flight: Flight) -> list[str]:
     """What the flight itself limits, whatever the model."""
     out = []
     states = flight.reconstruction
     gust = float(states.noise.gust[0])
-    speed = float(np.median(states.airspeed))
     source = flight.recording.source
-    if "vanes" not in states.data.used and gust > GUSTY * speed:
+    if "vanes" not in states.data.used and gusty(flight):
         angle = float(np.rad2deg(np.sqrt(np.median(states.flow_covariance[:, 1, 1]))))
-        out.append(
-            f"{source}: gusts of {gust:.1f} m/s (one sd) and no flow vanes: angle of attack is "
-            f"known to {angle:.1f}° only, and every slope over it is pulled toward zero; its "
-            "interval holds that"
-        )
+        if angle > BLURRED:
+            out.append(
+                f"{source}: gusts of {gust:.1f} m/s (one sd) and no flow vanes: angle of attack is "
+                f"known to {angle:.1f}° only, and every slope over it is pulled toward zero; its "
+                "interval holds that"
+            )
     if not flight.delay.found:
         out.append(
             f"{source}: the surfaces moved too little to tell their delay; "

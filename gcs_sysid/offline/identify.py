@@ -37,7 +37,8 @@ from gcs_sysid.offline.aided_fit import UnsettledError
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.reconstruct.segments import split
 
-Method = Literal["filter-error", "equation-error"]
+Method = Literal["auto", "filter-error", "equation-error"]
+ASKED, CALM = "asked for", "calm air, in which least squares does as well in seconds"
 FLIGHT_IDS = 1000
 """Maneuver ids of the second flight start here, those of the third at twice this."""
 
@@ -70,7 +71,7 @@ def run(
         columns: what the columns are of those logs that are tables.
         can: a CAN log of the same flight; for a single log.
         method: by least squares on coefficients measured with kinematic states, or inside the aided
-            filter.
+            filter; by itself the second where gusts would spoil the first.
 
     Returns:
         The summary document.
@@ -202,7 +203,7 @@ def _fitted(
         progress(text, 0.5 + 0.5 * done)
 
     scored = _fit(flights, aircraft, structure, kept, prior)
-    reason = "asked for" if method == "equation-error" else _unfit(flights)
+    reason = _spared(flights, method) or _unfit(flights)
     if reason is None:
         try:
             inside = aided_fit.identify(flights, aircraft, structure, prior, held_out, share)
@@ -214,6 +215,15 @@ def _fitted(
     share("fitting the model", 1.0)
     final = _fit(flights, aircraft, structure, None, prior)
     return _Found(flights, scored, final, (), reason, ())
+
+
+def _spared(flights: Sequence[Flight], method: Method) -> str | None:
+    """Why the aided filter is not needed; None where it is."""
+    if method == "equation-error":
+        return ASKED
+    if method == "auto" and not any(advice.gusty(one) for one in flights):
+        return CALM
+    return None
 
 
 def _unfit(flights: Sequence[Flight]) -> str | None:
@@ -271,7 +281,7 @@ def _document(
     }
     if made.fits:
         aided_summary.put_reconstruction(document["reconstruction"], made.fits[0], flights[0])
-    elif made.reason != "asked for":
+    elif made.reason not in (ASKED, CALM):
         document["warnings"].append(f"not fitted inside the filter: {made.reason}")
     document["warnings"] += made.notes
     if not held_out:

@@ -172,3 +172,18 @@ def test_intensities_three_times_too_large_come_down(flight) -> None:
     assert float(search.log_noise.accelerometer) == pytest.approx(
         float(like.log_noise.accelerometer), abs=0.1
     )
+
+
+def test_the_field_of_the_gusts_is_found_by_looking_all_around(flight) -> None:
+    """It lies 0.6 rad from north; a twelfth of a circle is how far apart directions are tried."""
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    turbulence = like.log_noise.turbulence
+    unknown = like.log_noise._replace(
+        turbulence=turbulence._replace(coupling=jnp.zeros(2), azimuth=jnp.zeros(()))
+    )
+    sigma = like.log_noise._replace(turbulence=turbulence)
+    prior = Prior(unknown, sigma)
+    found = intensities.oriented(made.MODEL, like.means, path, prior, unknown).turbulence
+    assert float(found.azimuth) == pytest.approx(0.6, abs=np.pi / 12.0)
+    np.testing.assert_allclose(found.coupling, turbulence.coupling)

@@ -24,12 +24,12 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
 )
 @click.option(
     "--method",
-    type=click.Choice(["equation-error", "filter-error"]),
-    default="equation-error",
+    type=click.Choice(["auto", "filter-error", "equation-error"]),
+    default="auto",
     show_default=True,
-    help="Least squares on coefficients measured with kinematic states: seconds, for calm air or "
-    "flow vanes; or inside a filter that knows the aerodynamics and so tells gusts from motion: "
-    "minutes.",
+    help="Filter error: inside a filter that knows the aerodynamics and so tells gusts from "
+    "motion, a minute or two. Equation error: least squares on coefficients measured with "
+    "kinematic states, seconds, for calm air. By itself it goes by the gusts.",
 )
 @click.option(
     "--stepwise", is_flag=True, help="Choose the model's terms from the data, step by step."
@@ -45,7 +45,7 @@ def command(
     logs: tuple[Path, ...],
     aircraft: Path,
     prior: Literal["file", "none"],
-    method: Literal["filter-error", "equation-error"],
+    method: Literal["auto", "filter-error", "equation-error"],
     stepwise: bool,
     segments: Path | None,
     vehicle: int | None,
