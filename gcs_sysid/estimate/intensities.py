@@ -42,8 +42,8 @@ RENEWED = 4
 """After so many steps the information is worked out anew."""
 WORTH = 1.0
 """A step that gained less than this is the last of its turn [nat]."""
-AROUND = 12
-"""Directions of the gusts' field that are tried."""
+AROUND, CLIMBED = 12, 4
+"""Directions of the gusts' field that are tried, and steps after which the best is judged."""
 
 
 class Prior(NamedTuple):
@@ -93,6 +93,10 @@ def climbed(
 def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noise: Noise) -> Noise:
     """The intensities with the gusts' field turned the way that the flight makes most likely.
 
+    All around, with rotations as they were believed before: those found with a field that lies
+    another way have grown to make up for it. The best of them, and the intensities as they are,
+    then climb side by side.
+
     Args:
         model: the aircraft.
         means: parameters of the mean.
@@ -102,14 +106,22 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
     """
     lined = _lined(model, means, path, log_noise)
     pitching, yawing = np.asarray(prior.sigma.turbulence.coupling)
-    tried = [log_noise]
+    believed, tried = prior.mean.turbulence, []
     for azimuth in np.linspace(-np.pi, np.pi, AROUND, endpoint=False):
         for sign in (1.0, -1.0):
             turbulence = log_noise.turbulence._replace(
-                coupling=jnp.array([pitching, sign * yawing]), azimuth=jnp.asarray(azimuth)
+                spin=believed.spin,
+                spin_time=believed.spin_time,
+                coupling=jnp.array([pitching, sign * yawing]),
+                azimuth=jnp.asarray(azimuth),
             )
             tried.append(log_noise._replace(turbulence=turbulence))
-    return max(tried, key=lambda noise: _density(noise, lined))
+    turned = max(tried, key=lambda noise: _density(noise, lined))
+    ends = []
+    for begun in (log_noise, turned):
+        search = climbed(model, means, path, prior, Search(begun), CLIMBED)
+        ends.append((_density(search.log_noise, lined), search.log_noise))
+    return max(ends, key=lambda end: end[0])[1]
 
 
 class _Lined(NamedTuple):

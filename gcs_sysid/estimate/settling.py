@@ -30,11 +30,18 @@ from gcs_sysid.reconstruct.causal import Pass, Path
 
 STRETCH = 4000
 """Rows of the stretch on which a search begins."""
-FIRST_TURNS, TURNS = 14, 10
-ORIENTED = 2
-"""Turns of the first stretch after which the gusts' field is looked for."""
+FIRST_TURNS, TURNS = 16, 12
+ORIENTED = (1, 6)
+"""Turns of the first stretch in which the gusts' field is looked for."""
 STEPS = 2
 """Steps of the intensities in a turn."""
+FAR = 1000.0
+"""While the parameters of the mean have more than this to gain, the intensities wait [nat]: with
+wrong derivatives a filter would rather believe in gusts that turn the air for seconds."""
+LONGEST_WAIT = 20
+"""Passes after which they no longer do."""
+DAMPED = 0.3
+"""Damping after the first of these steps that went too far; after the next, ten times as much."""
 FORERUNS = 2
 """Passes that find the path before anything is asked of it."""
 SETBACK = 300.0
@@ -113,11 +120,49 @@ def settle(
         if flight.rows.step.shape[0] > STRETCH:
             begin = busiest(flight, STRETCH)
             part, every = cut(flight, begin), counts[begin]
+        first = _neared(model, part, first, beliefs, every, progress)
         begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress, oriented=True)
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
     return _turns(model, flight, first, beliefs, counts, TURNS, progress, oriented=False)
+
+
+def _neared(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    progress: Callable[[str], None],
+) -> Unknowns:
+    """Parameters of the mean brought near, with intensities as they are, by damped steps."""
+    values = np.asarray(ravel_pytree(first.means)[0])
+    free = np.diagonal(beliefs.covariance) > 0.0
+    path, damping, best = _path(model, flight, first), 0.0, None
+    for turn in range(LONGEST_WAIT):
+        means = _means(first.means, values)
+        done = causal.passed(model, means, first.log_noise, path, counts, chosen=free)
+        density = float(done.log_likelihood.sum())
+        progress(f"approach {turn + 1}: log-likelihood {density:.0f}")
+        if best is None or density > best[0]:
+            best, damping = (density, values, done), 0.2 * damping
+        else:
+            damping = max(10.0 * damping, DAMPED)
+        move, gain, _ = _newton(best[2], beliefs, best[1], None, damping)
+        if gain < FAR:
+            break
+        values, path = best[1] + move, best[2].path
+    return first._replace(means=_means(first.means, best[1]))
+
+
+def _path(model: FlightModel, flight: Flight, unknowns: Unknowns) -> Path:
+    """The path that the filter predicts, from one along the nominal flight."""
+    path = causal.along(flight.rows, flight.nominal, flight.beginning)
+    for _ in range(FORERUNS):
+        rows = causal.joined(model, *unknowns, path)
+        path, _, _ = causal.filtered(path, rows)
+    return path
 
 
 def _turns(
@@ -132,10 +177,7 @@ def _turns(
     oriented: bool,
 ) -> Settled:
     search = Search(first.log_noise)
-    path = causal.along(flight.rows, flight.nominal, flight.beginning)
-    for _ in range(FORERUNS):
-        rows = causal.joined(model, first.means, first.log_noise, path)
-        path, _, _ = causal.filtered(path, rows)
+    path = _path(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path), 0
@@ -164,7 +206,7 @@ def _turns(
             break
         values = values + move
         path, means = done.path, _means(first.means, values)
-        if oriented and turn == ORIENTED:
+        if oriented and turn in ORIENTED:
             turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
             search = Search(turned)
         search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
@@ -199,7 +241,11 @@ class _Slope(NamedTuple):
 
 
 def _newton(
-    done: Pass, beliefs: Beliefs, values: Float[np.ndarray, " parameter"], before: _Slope | None
+    done: Pass,
+    beliefs: Beliefs,
+    values: Float[np.ndarray, " parameter"],
+    before: _Slope | None,
+    damping: float = 0.0,
 ) -> tuple[Float[np.ndarray, " parameter"], float, _Slope]:
     """Step to where score and prior balance, what it gains [nat], and the slope here.
 
@@ -217,7 +263,8 @@ def _newton(
         step, change = at - before.at, before.slope - slope
         if 1.0 < step @ change / (step @ inner @ step) < MOST_CURVED:
             inner = quasi_newton.updated(inner, step, change)
-    move = root @ np.linalg.solve(inner, slope)
+    damped = inner + damping * np.diag(np.diagonal(inner))
+    move = root @ np.linalg.solve(damped, slope)
     return move, 0.5 * float(move @ matrix @ move), _Slope(at, slope)
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.frames import Array
@@ -86,6 +87,17 @@ def correlation_times(height: float, airspeed: float) -> tuple[float, float]:
     """
     level, down = scale_lengths(height)
     return 0.75 * level / airspeed, 0.5 * down / airspeed
+
+
+def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, float, float]:
+    """Correlation times of the gusts' rotation along the field, across it and down [s].
+
+    MIL-F-8785C (1980), section 3.7.2 for pitch and yaw, 4b/πV and 3b/πV; MIL-HDBK-1797 (1997),
+    section 4.9 for roll, √(L b)/2.6V with L the scale of the vertical gusts.
+    """
+    across = 4.0 * span / (np.pi * airspeed)
+    along = np.sqrt(scale_lengths(height)[1] * span) / (2.6 * airspeed)
+    return float(along), float(across), float(0.75 * across)
 
 
 def drift(air: Air, turbulence: Turbulence) -> Air:

@@ -34,7 +34,7 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
-STILL_GROWING = 100.0
+STILL_GROWING = 1000.0
 """A search that has not ended, and whose log-likelihood changed by more than this over its last
 turn, has found nothing [nat]."""
 
@@ -128,7 +128,14 @@ def identify(
         scored=inside_filter.model(scored, samples, aircraft, structure, learned),
         final=inside_filter.model(found, samples, aircraft, structure, kept),
         fits=tuple(final_fits),
-        notes=tuple(_cut_short(item) for item in prepared if item.rows.rows.step.size > LONGEST),
+        notes=(
+            *(_cut_short(item) for item in prepared if item.rows.rows.step.size > LONGEST),
+            *(
+                _unended(item, fit)
+                for item, fit in zip(prepared, final_fits, strict=True)
+                if not fit.converged
+            ),
+        ),
     )
 
 
@@ -140,7 +147,9 @@ def _prepared(one: Flight, start: Terms, held_out: Sequence[int]) -> _Prepared:
     for segment in one.segments:
         if segment.id in held_out:
             held |= (time >= segment.start) & (time < segment.end)
-    return _Prepared(one, rows, held, aided_flight.first_unknowns(rows, states, start))
+    return _Prepared(
+        one, rows, held, aided_flight.first_unknowns(rows, one.aircraft, states, start)
+    )
 
 
 def _believed(mean: Terms, sigma: Terms) -> Derivatives:
@@ -226,6 +235,15 @@ def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight
         Delay(stated + float(late), item.one.delay.deviation, found=True),
         jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), states),
         np.asarray(done.covariance)[kept],
+    )
+
+
+def _unended(item: _Prepared, fit: Fit) -> str:
+    changed = fit.log_likelihood[-1] - fit.log_likelihood[-2]
+    return (
+        f"{item.one.recording.source}: the search inside the filter stopped before it had settled "
+        f"(the log-likelihood still changed by {changed:+.0f} a turn): take its intervals as too "
+        "narrow, and check mass, inertia and the terms of the aircraft file"
     )
 
 

@@ -29,9 +29,11 @@ LONGEST_STEP = 0.034
 """Of one row [s]: two thirds of the roll mode's time constant of a small aircraft."""
 SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken."""
+ROTATION_TIME = 0.25
+"""One standard deviation of the logarithm of the specification's correlation times: what turns the
+air for seconds is an error of the model."""
 SPIN = 0.06
 """First guess of the gust's own rotation [rad/s]."""
-SPIN_TIME = (0.2, 0.2, 0.12)
 UNMODELLED = 0.05
 """First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
 LOWEST = 30.0
@@ -121,7 +123,10 @@ def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]])
 
 
 def first_unknowns(
-    flight: Flight, states: Reconstruction, terms: Mapping[str, Mapping[str, float]]
+    flight: Flight,
+    aircraft: Aircraft,
+    states: Reconstruction,
+    terms: Mapping[str, Mapping[str, float]],
 ) -> Unknowns:
     """Where the search begins.
 
@@ -139,21 +144,22 @@ def first_unknowns(
         *(jnp.asarray(bias), jnp.asarray(force), zero, pair, pair),
         *(zero, zero, zero, zero, zero, zero),
     )
-    return Unknowns(Means(aerodynamics, sensors), _first_noise(flight.rows, states))
+    return Unknowns(Means(aerodynamics, sensors), _first_noise(flight.rows, aircraft, states))
 
 
-def _first_noise(rows: Row, states: Reconstruction) -> Noise:
+def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise:
     seen = rows.measured.valid
     level = float(states.noise.gust[0])
-    height = float(np.median(rows.height))
-    times = air.correlation_times(
-        height if height > LOWEST else ALOFT, float(np.median(states.airspeed))
-    )
+    height, speed = float(np.median(rows.height)), float(np.median(states.airspeed))
+    if height < LOWEST:
+        height = ALOFT
+    times = air.correlation_times(height, speed)
+    spin_times = air.rotation_times(aircraft.geometry.wing_span, height, speed)
     turbulence = Turbulence(
         gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
         gust_time=jnp.log(jnp.array(times)),
         spin=jnp.log(jnp.full(3, SPIN)),
-        spin_time=jnp.log(jnp.array(SPIN_TIME)),
+        spin_time=jnp.log(jnp.array(spin_times)),
         coupling=jnp.zeros(2),
         azimuth=jnp.zeros(()),
     )
@@ -222,7 +228,7 @@ def beliefs(
     turbulence = wide.turbulence._replace(
         gust_time=jnp.full(2, 0.7),
         spin=jnp.full(3, 0.7),
-        spin_time=jnp.full(3, 0.4),
+        spin_time=jnp.full(3, ROTATION_TIME),
         coupling=jnp.full(2, np.pi / 4.0 / span),
         azimuth=jnp.asarray(1.0),
     )
