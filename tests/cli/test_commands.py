@@ -93,7 +93,7 @@ def test_identify(calls, capsys):
     assert args == ((Path("flight.tlog"), Path("other.tlog")), Path("aircraft.toml"))
     assert named == {
         "prior": "none", "segments": Path("segments.json"), "vehicle": None, "stepwise": True,
-        "columns": None, "can": None, "out": Path("result"), "method": "equation-error",
+        "columns": None, "can": None, "out": Path("result"), "method": "auto",
     }  # fmt: skip
     assert capsys.readouterr().out == "identify: result/samples.parquet\n"
 
