@@ -187,6 +187,6 @@ def test_the_field_of_the_gusts_is_found_by_looking_all_around(flight) -> None:
     free = held.turbulence._replace(coupling=turbulence.coupling, azimuth=jnp.asarray(2.0))
     prior = Prior(unknown, held._replace(turbulence=free))
     found = intensities.oriented(made.MODEL, like.means, path, prior, unknown).turbulence
-    # A field turned by half a circle is the same with the signs changed: what turns what is compared.
+    # Turned by half a circle it is the same with the signs changed: what turns what is compared.
     told, flew = (np.ravel(air.coupling_matrix(one)) for one in (found, turbulence))
     assert told @ flew > np.cos(0.8) * np.linalg.norm(told) * np.linalg.norm(flew)
