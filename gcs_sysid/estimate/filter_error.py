@@ -20,9 +20,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import settling
+from gcs_sysid import regressors
+from gcs_sysid.estimate import sandwich, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.estimate.settling import Beliefs
+from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.frames import Array
 from gcs_sysid.model.aided import State
 from gcs_sysid.reconstruct import aided_smoother
@@ -73,6 +74,7 @@ def fit(
     progress: Callable[[str], None],
     *,
     near: bool = False,
+    sure: bool = True,
 ) -> Fit:
     """Fits one flight.
 
@@ -85,23 +87,23 @@ def fit(
         counts: rows from which derivatives are learned.
         progress: told about every turn.
         near: whether `first` is near what is sought.
+        sure: whether deviations are to count how the gains move, which takes half a minute; without
+            it they are too small where a gust says most.
     """
     done = settling.settle(model, flight, first, beliefs, counts, progress, near=near)
     unknowns = settling.at(done, first.means)
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
     )
-    covariance = settling.posterior(done, beliefs)
+    if sure:
+        progress("how sure all this is")
+    covariance, deviation = _deviations(model, unknowns, done, beliefs, sure=sure)
     keys = derivative_keys(unknowns.means.aerodynamics)
     taken = slice(len(keys))
-    unravel = ravel_pytree(first.means)[1]
     free = np.diagonal(beliefs.covariance) > 0.0
     return Fit(
         unknowns=unknowns,
-        deviation=Unknowns(
-            unravel(jnp.asarray(np.sqrt(np.diagonal(covariance)))),
-            done.noise_deviation,
-        ),
+        deviation=deviation,
         covariance=covariance[taken, taken],
         keys=keys,
         bound=_bound(done.last.told.matrix, free)[taken, taken],
@@ -111,6 +113,43 @@ def fit(
         log_likelihood=done.log_likelihood,
         converged=done.ended,
     )
+
+
+def _deviations(
+    model: FlightModel, unknowns: Unknowns, done: Settled, beliefs: Beliefs, *, sure: bool
+) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:
+    """Covariance of the parameters of the mean, and one deviation of everything; 0 where held."""
+    sigma = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
+    free = (np.diagonal(beliefs.covariance) > 0.0, sigma > 0.0)
+    known, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
+    prior = np.zeros((known.size + noises.size,) * 2)
+    prior[: known.size, : known.size] = np.linalg.inv(beliefs.covariance[np.ix_(known, known)])
+    places = known.size + np.arange(noises.size)
+    prior[places, places] = 1.0 / sigma[noises] ** 2
+    information = np.diagonal(done.last.told.matrix)[known] + np.diagonal(prior)[: known.size]
+    sizes = np.zeros(free[0].size)
+    sizes[known] = 1.0 / np.sqrt(information)
+    factor = settling.scatter(done, beliefs)
+    if sure:
+        keys = derivative_keys(unknowns.means.aerodynamics)
+        moving = [any(name in key for name in regressors.VARIABLES) for _, key in keys]
+        turning = np.pad(np.array(moving), (0, free[0].size - len(keys)))
+        told = sandwich.slopes(model, *unknowns, done.last.path, done.fitted, free, sizes, turning)
+        found = sandwich.covariance(told, prior, factor)
+    else:
+        alone = done.last.told.matrix[np.ix_(known, known)] / factor
+        found = prior.copy()
+        found[: known.size, : known.size] += alone
+        found = np.linalg.inv(found)
+    covariance = np.zeros_like(beliefs.covariance)
+    covariance[np.ix_(known, known)] = found[: known.size, : known.size]
+    logs = np.zeros(sigma.size)
+    logs[noises] = np.sqrt(np.diagonal(found)[known.size :])
+    deviation = Unknowns(
+        ravel_pytree(unknowns.means)[1](jnp.asarray(np.sqrt(np.diagonal(covariance)))),
+        ravel_pytree(unknowns.log_noise)[1](jnp.asarray(logs)),
+    )
+    return covariance, deviation
 
 
 def derivative_keys(

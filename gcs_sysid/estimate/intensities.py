@@ -81,9 +81,9 @@ def climbed(
     Slopes of an earlier path, with other means, say nothing of the curvature here.
     """
     search, gained = search._replace(before=None), 0.0
-    lined = _lined(model, means, path, search.log_noise)
+    about = lined(model, means, path, search.log_noise)
     for _ in range(steps):
-        search = _stepped(lined, prior, search)
+        search = _stepped(about, prior, search)
         gained += search.gained
         if search.gained < WORTH:
             break
@@ -104,7 +104,7 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
         prior: of whose deviations the coupling's is tried.
         log_noise: intensities.
     """
-    lined = _lined(model, means, path, log_noise)
+    about = lined(model, means, path, log_noise)
     pitching, yawing = np.asarray(prior.sigma.turbulence.coupling)
     believed, tried = prior.mean.turbulence, []
     for azimuth in np.linspace(-np.pi, np.pi, AROUND, endpoint=False):
@@ -116,15 +116,15 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
                 azimuth=jnp.asarray(azimuth),
             )
             tried.append(log_noise._replace(turbulence=turbulence))
-    turned = max(tried, key=lambda noise: _density(noise, lined))
+    turned = max(tried, key=lambda noise: _density(noise, about))
     ends = []
     for begun in (log_noise, turned):
         search = climbed(model, means, path, prior, Search(begun), CLIMBED)
-        ends.append((_density(search.log_noise, lined), search.log_noise))
+        ends.append((_density(search.log_noise, about), search.log_noise))
     return max(ends, key=lambda end: end[0])[1]
 
 
-class _Lined(NamedTuple):
+class Lined(NamedTuple):
     """A flight linearised about a path under some intensities.
 
     Attributes:
@@ -150,7 +150,8 @@ class _Still(NamedTuple):
     air: Float[Array, "*sample state"]
 
 
-def _lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> _Lined:
+def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lined:
+    """A flight linearised about a path."""
     rows = causal.joined(model, means, log_noise, path)
     still, last = [], None
     for chunk in path.chunks:
@@ -159,30 +160,30 @@ def _lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> _L
         padded = jnp.pad(blown, ((0, 0), (9, aided.SIZE - 18)))
         still.append(_Still(_mechanics(model, means, chunk), padded))
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
-    return _Lined(path, rows, still)
+    return Lined(path, rows, still)
 
 
-def _density(log_noise: Noise, lined: _Lined) -> float:
+def _density(log_noise: Noise, about: Lined) -> float:
     """Log-likelihood of a flight."""
-    start, total = lined.path.start, 0.0
-    for chunk, piece, still in zip(lined.path.chunks, lined.rows, lined.still, strict=True):
-        start, part = linear_filter.likelihood(start, _at(log_noise, chunk, piece, still))
+    start, total = about.path.start, 0.0
+    for chunk, piece, still in zip(about.path.chunks, about.rows, about.still, strict=True):
+        start, part = linear_filter.likelihood(start, at(log_noise, chunk, piece, still))
         total += float(part)
     return total
 
 
-def _stepped(lined: _Lined, prior: Prior, search: Search) -> Search:
+def _stepped(about: Lined, prior: Prior, search: Search) -> Search:
     """One step of the search."""
     flat, unravel = ravel_pytree(search.log_noise)
     values = np.asarray(flat)
     centre, sigma = (np.asarray(ravel_pytree(part)[0]) for part in prior)
     free = sigma > 0.0
     weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
-    density, found, begun = _slope(search.log_noise, lined)
+    density, found, begun = _slope(search.log_noise, about)
     slope = found - weight * (values - centre)
     information = search.information
     if information is None or search.taken % RENEWED == 0:
-        information = _information(search.log_noise, lined, begun, free)
+        information = _information(search.log_noise, about, begun, free)
         information = information + np.diag(np.where(free, weight, 1.0))
     if search.before is not None:
         information = quasi_newton.updated(
@@ -191,7 +192,7 @@ def _stepped(lined: _Lined, prior: Prior, search: Search) -> Search:
 
     def posterior(at: Float[np.ndarray, " intensity"]) -> float:
         penalty = 0.5 * float(np.sum(weight * (at - centre) ** 2))
-        return _density(unravel(jnp.asarray(at)), lined) - penalty
+        return _density(unravel(jnp.asarray(at)), about) - penalty
 
     here = density - 0.5 * float(np.sum(weight * (values - centre) ** 2))
     damping, diagonal = search.damping, np.diag(np.abs(np.diagonal(information)))
@@ -215,33 +216,12 @@ def _stepped(lined: _Lined, prior: Prior, search: Search) -> Search:
     return Search(search.log_noise, information=information, gained=0.0)
 
 
-def deviation(search: Search, sigma: Noise) -> Noise:
-    """One standard deviation of every intensity's logarithm, 0 for those held.
-
-    Args:
-        search: after its last step.
-        sigma: of the prior.
-    """
-    flat, unravel = ravel_pytree(sigma)
-    free = np.asarray(flat) > 0.0
-    out = np.zeros(free.size)
-    if search.information is None:
-        return sigma
-    chosen = np.ix_(free, free)
-    # Updates by slopes may have left it indefinite by a rounding.
-    roots, vectors = np.linalg.eigh(search.information[chosen])
-    least = np.min(1.0 / np.asarray(flat)[free] ** 2)
-    inverse = (vectors / np.maximum(roots, least)) @ vectors.T
-    out[free] = np.sqrt(np.diagonal(inverse))
-    return unravel(jnp.asarray(out))
-
-
 def _slope(
-    log_noise: Noise, lined: _Lined
+    log_noise: Noise, about: Lined
 ) -> tuple[float, Float[np.ndarray, " intensity"], list[Belief]]:
     """Log-likelihood, its gradient, and the belief before each chunk."""
-    path = lined.path
-    rows = [_at(log_noise, *item) for item in zip(path.chunks, *lined[1:], strict=True)]
+    path = about.path
+    rows = [at(log_noise, *item) for item in zip(path.chunks, *about[1:], strict=True)]
     begun, steps = [path.start], []
     for piece in rows:
         end, done = linear_filter.run(begun[-1], piece)
@@ -252,7 +232,7 @@ def _slope(
     for chunk, piece, still, first, done in zip(
         path.chunks[::-1],
         rows[::-1],
-        lined.still[::-1],
+        about.still[::-1],
         begun[-2::-1],
         steps[::-1],
         strict=True,
@@ -308,7 +288,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearise
 
 
 @jax.jit
-def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: _Still) -> Linearised:
+def at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: _Still) -> Linearised:
     """The rows with other intensities.
 
     The nominal air decays at another rate, which the offset takes up.
@@ -324,23 +304,25 @@ def _at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: _Still) -> Line
 
 
 def _information(
-    log_noise: Noise, lined: _Lined, begun: Sequence[Belief], free: np.ndarray
+    log_noise: Noise, about: Lined, begun: Sequence[Belief], free: np.ndarray
 ) -> Float[np.ndarray, "intensity intensity"]:
     """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S), from the first rows of the chunk in the middle.
 
     Intensities change the gains, and with them the innovations themselves.
     """
-    chunks = lined.path.chunks
+    chunks = about.path.chunks
     index = len(chunks) // 2
     chunk, rows, still = jax.tree.map(
-        lambda part: part[:SAMPLE_ROWS], (chunks[index], lined.rows[index], lined.still[index])
+        lambda part: part[:SAMPLE_ROWS], (chunks[index], about.rows[index], about.still[index])
     )
     flat, unravel = ravel_pytree(log_noise)
-    here = _at(log_noise, chunk, rows, still)
+    here = at(log_noise, chunk, rows, still)
+    unchanged = jax.tree.map(jnp.zeros_like, begun[index])
     changes = []
-    for at in np.flatnonzero(free):
-        moved = unravel(flat.at[at].add(DIFFERENCE))
-        found = linear_filter.change(begun[index], here, _at(moved, chunk, rows, still))
+    for place in np.flatnonzero(free):
+        moved = unravel(flat.at[place].add(DIFFERENCE))
+        other = at(moved, chunk, rows, still)
+        _, found = linear_filter.change(begun[index], here, other, unchanged)
         both = (np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread))
         changes.append(np.concatenate(both) / DIFFERENCE)
     every = sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in chunks)

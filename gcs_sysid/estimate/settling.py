@@ -78,7 +78,6 @@ class Settled:
     Attributes:
         values: parameters of the mean, flat.
         log_noise: intensities.
-        noise_deviation: one standard deviation of each.
         last: the pass at these values.
         fitted: rows from which the parameters of the mean were taken.
         log_likelihood: after each turn.
@@ -87,7 +86,6 @@ class Settled:
 
     values: Float[np.ndarray, " parameter"]
     log_noise: Noise
-    noise_deviation: Noise
     last: Pass
     fitted: Bool[np.ndarray, " sample"]
     log_likelihood: tuple[float, ...]
@@ -220,8 +218,7 @@ def _turns(
         means = _means(first.means, values)
         last = causal.passed(model, means, best.log_noise, best.path, counts)
     history.append(float(last.log_likelihood.sum()))
-    deviation = intensities.deviation(search, beliefs.noise.sigma)
-    return Settled(values, search.log_noise, deviation, last, counts, tuple(history), ended)
+    return Settled(values, search.log_noise, last, counts, tuple(history), ended)
 
 
 class _Turn(NamedTuple):
@@ -294,11 +291,3 @@ def scatter(done: Settled, beliefs: Beliefs) -> float:
     information = np.diagonal(done.last.told.matrix + done.last.apart.matrix)[free]
     seen = information > 0.0
     return max(float(np.median(spread[seen] / information[seen])), 1.0)
-
-
-def posterior(done: Settled, beliefs: Beliefs) -> Float[np.ndarray, "parameter parameter"]:
-    """Covariance of the parameters of the mean after the flight, 0 for those held."""
-    root = _root(beliefs.covariance)
-    information = done.last.told.matrix / scatter(done, beliefs)
-    inner = np.eye(root.shape[1]) + root.T @ information @ root
-    return root @ np.linalg.solve(inner, root.T)

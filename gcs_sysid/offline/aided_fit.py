@@ -195,7 +195,9 @@ def _fit(
     if rows.rows.step.shape[0] > LONGEST:
         begin = flight_rows.busiest(rows, LONGEST)
         rows, counts = flight_rows.cut(rows, begin), counts[begin]
-    fit = filter_error.fit(model, rows, first, _beliefs(item, found), counts, progress, near=near)
+    fit = filter_error.fit(
+        model, rows, first, _beliefs(item, found), counts, progress, near=near, sure=near
+    )
     reached = fit.log_likelihood
     grown = reached[-1] - reached[-2]
     if not np.isfinite(reached[-1]) or not (fit.converged or abs(grown) < STILL_GROWING):

@@ -323,19 +323,7 @@ def _gathered(
         seen: change of each residual.
         wanted: rows of the first sum.
     """
-    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
-
-    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, Array]:
-        transition, view, root, gain, moved, changed = item
-        predicted = transition @ now + moved
-        white = root @ (changed - view @ predicted)
-        return predicted + gain.T @ white, white
-
-    end, white = jax.lax.scan(
-        ahead,
-        sensitivity,
-        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
-    )
+    end, white = _carried(sensitivity, rows, done, motion, seen)
 
     def sums(chosen: Bool[Array, " sample"]) -> tuple[Array, Array]:
         own = jnp.where(chosen[:, None, None], white, 0.0)
@@ -345,3 +333,53 @@ def _gathered(
     scores = -jnp.einsum("krp,kr->kp", white, done.whitened)
     blocks = scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
     return end, sums(wanted), sums(~wanted), blocks
+
+
+@jax.jit
+def _carried(
+    sensitivity: Float[Array, "state parameter"],
+    rows: Linearised,
+    done: linear_filter.Filtered,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+) -> tuple[Array, Float[Array, "sample row parameter"]]:
+    """Sensitivity of the filter's mean at a chunk's end, and whitened ones of its innovations."""
+    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
+
+    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, Array]:
+        transition, view, root, gain, moved, changed = item
+        predicted = transition @ now + moved
+        white = root @ (changed - view @ predicted)
+        return predicted + gain.T @ white, white
+
+    return jax.lax.scan(
+        ahead,
+        sensitivity,
+        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
+    )
+
+
+class Carried:
+    """Sensitivities at held gains, chunk after chunk of one flight.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        log_noise: log intensities.
+        asked: which parameters.
+    """
+
+    def __init__(
+        self, model: FlightModel, means: Means, log_noise: Noise, asked: Int[np.ndarray, " asked"]
+    ) -> None:
+        self._at = (model, means, log_noise)
+        self._asked = jnp.asarray(asked)
+        self._sensitivity = jnp.zeros((aided.SIZE, asked.size))
+
+    def chunk(
+        self, chunk: Chunk, rows: Linearised, done: linear_filter.Filtered
+    ) -> Float[np.ndarray, "sample row asked"]:
+        """Whitened sensitivities of the next chunk's innovations."""
+        motion, seen = _sensitivities(*self._at, chunk, rows, self._asked)
+        self._sensitivity, white = _carried(self._sensitivity, rows, done, motion, seen)
+        return np.array(white)

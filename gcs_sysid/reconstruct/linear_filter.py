@@ -227,7 +227,9 @@ class Changed(NamedTuple):
 
 
 @jax.jit
-def change(start: Belief, rows: Linearised, other: Linearised) -> Changed:
+def change(
+    start: Belief, rows: Linearised, other: Linearised, earlier: Belief
+) -> tuple[Belief, Changed]:
     """What a small change of the matrices changes, gains included.
 
     The gain is where the updated covariance is least, so that its own change counts only in second
@@ -238,6 +240,10 @@ def change(start: Belief, rows: Linearised, other: Linearised) -> Changed:
         start: belief at the chunk's beginning, the same for both.
         rows: the chunk.
         other: the chunk with matrices that differ a little.
+        earlier: change of the belief at the chunk's beginning.
+
+    Returns:
+        Change of the belief at the chunk's end, and of every innovation.
     """
     _, done = run(start, rows)
     none = jnp.zeros_like(rows.residual)
@@ -247,9 +253,9 @@ def change(start: Belief, rows: Linearised, other: Linearised) -> Changed:
     def ahead(
         changes: Belief, item: tuple[Linearised, Linearised, Filtered, Belief]
     ) -> tuple[Belief, Changed]:
-        row, by, now, earlier = item
-        mean = row.transition @ changes.mean + by.transition @ earlier.mean + by.offset
-        turned = by.transition @ earlier.covariance @ row.transition.T
+        row, by, now, begun = item
+        mean = row.transition @ changes.mean + by.transition @ begun.mean + by.offset
+        turned = by.transition @ begun.covariance @ row.transition.T
         predicted = row.transition @ changes.covariance @ row.transition.T
         predicted = predicted + turned + turned.T + by.process
         missed = by.residual - by.sensitivity @ now.predicted.mean - row.sensitivity @ mean
@@ -268,5 +274,4 @@ def change(start: Belief, rows: Linearised, other: Linearised) -> Changed:
         after = Belief(mean + gain @ missed + of_gain, updated)
         return after, Changed(unit @ missed, unit @ spread @ unit.T)
 
-    still = jax.tree.map(jnp.zeros_like, start)
-    return jax.lax.scan(ahead, still, (rows, moved, done, before))[1]
+    return jax.lax.scan(ahead, earlier, (rows, moved, done, before))

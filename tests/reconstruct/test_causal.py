@@ -130,8 +130,8 @@ def test_the_slope_of_intensities_is_that_of_the_likelihood(flight) -> None:
     like = made.unknowns(1.0)
     path = settled(flight, like.means)
     flat, unravel = ravel_pytree(like.log_noise)
-    lined = intensities._lined(made.MODEL, like.means, path, like.log_noise)
-    density, slope, _ = intensities._slope(like.log_noise, lined)
+    about = intensities.lined(made.MODEL, like.means, path, like.log_noise)
+    density, slope, _ = intensities._slope(like.log_noise, about)
 
     def likelihood(values: np.ndarray) -> float:
         moved = causal.joined(made.MODEL, like.means, unravel(values), path)
