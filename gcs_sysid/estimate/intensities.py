@@ -93,9 +93,9 @@ def climbed(
 def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noise: Noise) -> Noise:
     """The intensities with the gusts' field turned the way that the flight makes most likely.
 
-    All around, with rotations as they were believed before: those found with a field that lies
-    another way have grown to make up for it. The best of them, and the intensities as they are,
-    then climb side by side.
+    All around, with times and rotations as they were believed before: those found with a field
+    that lies another way have grown to make up for it. The best of them, and the intensities as
+    they are, then climb side by side.
 
     Args:
         model: the aircraft.
@@ -107,11 +107,11 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
     about = lined(model, means, path, log_noise)
     pitching, yawing = np.asarray(prior.sigma.turbulence.coupling)
     believed, tried = prior.mean.turbulence, []
+    level = jnp.mean(log_noise.turbulence.gust[:2])
     for azimuth in np.linspace(-np.pi, np.pi, AROUND, endpoint=False):
         for sign in (1.0, -1.0):
-            turbulence = log_noise.turbulence._replace(
-                spin=believed.spin,
-                spin_time=believed.spin_time,
+            turbulence = believed._replace(
+                gust=log_noise.turbulence.gust.at[:2].set(level),
                 coupling=jnp.array([pitching, sign * yawing]),
                 azimuth=jnp.asarray(azimuth),
             )

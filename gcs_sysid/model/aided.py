@@ -440,9 +440,10 @@ def process(
 
 def noise_shape(turbulence: Turbulence) -> Float[Array, "state state"]:
     """How white noises of `process_density` push the states: gusts turn the air as they come."""
-    spin = BLOCKS["spin"]
-    shape = jnp.eye(SIZE).at[spin, BLOCKS["gust"]].set(air.coupling_matrix(turbulence))
-    return shape.at[spin, spin].set(air.field_axes(turbulence))
+    gust, spin = BLOCKS["gust"], BLOCKS["spin"]
+    turned = air.field_axes(turbulence)
+    shape = jnp.eye(SIZE).at[spin, gust].set(air.coupling_matrix(turbulence) @ turned)
+    return shape.at[gust, gust].set(turned).at[spin, spin].set(turned)
 
 
 def doubted(noise: Noise, row: Row) -> Noise:

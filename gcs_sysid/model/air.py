@@ -44,22 +44,21 @@ class Air(NamedTuple):
 
 
 class Turbulence(NamedTuple):
-    """How strong the gusts are and how long they last; of translation, horizontal axes alike.
+    """How strong the gusts are and how long they last, along their field, across it and down.
 
     Attributes:
-        gust: standard deviation, horizontal and vertical [m/s].
+        gust: standard deviation of translation [m/s].
         gust_time: correlation time, likewise [s].
-        spin: standard deviation of the rotation that the gust does not explain, about the axis
-            along the field, across it and down: the specification's own differ with the axis
-            [rad/s].
+        spin: standard deviation of the rotation that the gust does not explain: the specification's
+            own differ with the axis [rad/s].
         spin_time: correlation time, likewise [s].
         coupling: entries of C: vertical gust into rotation about the axis across, gust across into
             rotation about down [rad/m].
         azimuth: of the axis along the field, from north toward east [rad].
     """
 
-    gust: Float[Array, " two"]
-    gust_time: Float[Array, " two"]
+    gust: Float[Array, " axis"]
+    gust_time: Float[Array, " axis"]
     spin: Float[Array, " axis"]
     spin_time: Float[Array, " axis"]
     coupling: Float[Array, " two"]
@@ -79,14 +78,13 @@ def scale_lengths(height: float) -> tuple[float, float]:
     return level + share * (aloft - level), near + share * (aloft - near)
 
 
-def correlation_times(height: float, airspeed: float) -> tuple[float, float]:
-    """Correlation time of horizontal and vertical gusts [s], as first-order processes.
+def correlation_times(height: float, airspeed: float) -> tuple[float, float, float]:
+    """Correlation time of gusts along the field, across it and down [s], as first-order processes.
 
-    Those that have Dryden's spectra at low frequency: L/V along the flight path and L/(2V) across
-    it. A horizontal gust is one or the other with the heading, so that the mean is taken.
+    Those that have Dryden's spectra at low frequency: L/V along and L/(2V) across the flight path.
     """
     level, down = scale_lengths(height)
-    return 0.75 * level / airspeed, 0.5 * down / airspeed
+    return level / airspeed, 0.5 * level / airspeed, 0.5 * down / airspeed
 
 
 def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, float, float]:
@@ -102,8 +100,8 @@ def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, 
 
 def drift(air: Air, turbulence: Turbulence) -> Air:
     """Mean rate of change of the air, in the fields of an `Air`."""
-    gust = -air.gust / _axes(turbulence.gust_time)
     turned = field_axes(turbulence)
+    gust = -turned @ ((turned.T @ air.gust) / turbulence.gust_time)
     own = -turned @ ((turned.T @ air.spin) / turbulence.spin_time)
     return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust)
 
@@ -111,11 +109,11 @@ def drift(air: Air, turbulence: Turbulence) -> Air:
 def density(turbulence: Turbulence) -> Float[Array, " nine"]:
     """Spectral density of the white noise that drives wind, gust and spin: 2 σ²/T.
 
-    That of the spin is in the axes of the field, and without the part that comes with the gust.
+    Those of gust and spin are in the axes of the field, the spin's without what the gust brings.
     """
     gust = 2.0 * turbulence.gust**2 / turbulence.gust_time
     spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
-    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), _axes(gust), spin])
+    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), gust, spin])
 
 
 def field_axes(turbulence: Turbulence) -> Float[Array, "axis axis"]:
@@ -137,8 +135,3 @@ def coupling_matrix(turbulence: Turbulence) -> Float[Array, "axis axis"]:
     across = field_axes(turbulence)[:, 1]
     down = jnp.array([0.0, 0.0, 1.0])
     return pitching * jnp.outer(across, down) + yawing * jnp.outer(down, across)
-
-
-def _axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:
-    """Horizontal, horizontal, vertical."""
-    return jnp.stack([pair[0], pair[0], pair[1]])

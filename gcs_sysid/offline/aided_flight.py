@@ -156,7 +156,7 @@ def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise
     times = air.correlation_times(height, speed)
     spin_times = air.rotation_times(aircraft.geometry.wing_span, height, speed)
     turbulence = Turbulence(
-        gust=jnp.log(jnp.array([level, max(float(states.noise.gust[2]), level)])),
+        gust=jnp.log(jnp.array([level, level, max(float(states.noise.gust[2]), level)])),
         gust_time=jnp.log(jnp.array(times)),
         spin=jnp.log(jnp.full(3, SPIN)),
         spin_time=jnp.log(jnp.array(spin_times)),
@@ -226,7 +226,7 @@ def beliefs(
     wide = jax.tree.map(lambda value: jnp.full_like(value, 2.0), first.log_noise)
     span = aircraft.geometry.wing_span
     turbulence = wide.turbulence._replace(
-        gust_time=jnp.full(2, 0.7),
+        gust_time=jnp.full(3, 0.7),
         spin=jnp.full(3, 0.7),
         spin_time=jnp.full(3, ROTATION_TIME),
         coupling=jnp.full(2, np.pi / 4.0 / span),

@@ -43,13 +43,14 @@ def refined(
     old = one.reconstruction
     flow, spread = (np.asarray(part) for part in _felt(states, jnp.asarray(covariance)))
     gust = np.asarray(noise.turbulence.gust)
+    level = np.sqrt(np.mean(gust[:2] ** 2))
     known = replace(
         old,
         noise=old.noise._replace(
             accelerometer=np.asarray(noise.accelerometer),
             gyro=np.asarray(noise.gyro),
-            gust=np.array([gust[0], gust[0], gust[1]]),
-            gust_time=np.asarray(noise.turbulence.gust_time[1]),
+            gust=np.array([level, level, gust[2]]),
+            gust_time=np.asarray(noise.turbulence.gust_time[2]),
         ),
         airspeed=flow[:, 0],
         alpha=flow[:, 1],

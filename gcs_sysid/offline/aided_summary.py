@@ -58,12 +58,12 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
         "unit": "m/s",
     }
     air, relative = fit.unknowns.log_noise.turbulence, fit.deviation.log_noise.turbulence
-    for index, name in enumerate(("gust_sd", "gust_sd_vertical")):
-        size = float(np.exp(air.gust[index]))
-        document[name] = Estimate(size, size * float(relative.gust[index]), "m/s").document()
-    for index, name in enumerate(("gust_time", "gust_time_vertical")):
-        size = float(np.exp(air.gust_time[index]))
-        document[name] = Estimate(size, size * float(relative.gust_time[index]), "s").document()
+    # Of level gusts the mean along and across their field.
+    for name, axes in (("", slice(0, 2)), ("_vertical", slice(2, 3))):
+        for key, each, unit in (("gust_sd", "gust", "m/s"), ("gust_time", "gust_time", "s")):
+            size = float(np.mean(np.exp(getattr(air, each)[axes])))
+            share = float(np.sqrt(np.mean(np.asarray(getattr(relative, each)[axes]) ** 2)))
+            document[key + name] = Estimate(size, size * share, unit).document()
     sensors, sure = fit.unknowns.means.sensors, fit.deviation.means.sensors
     for index, axis in enumerate("xyz"):
         for sensor, unit in (("gyro", "rad/s"), ("accelerometer", "m/s²")):

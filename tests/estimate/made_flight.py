@@ -52,8 +52,8 @@ def unknowns(scale: float) -> Unknowns:
     }
     noise = Noise(
         Turbulence(
-            jnp.log(jnp.array([0.3, 0.3])),
-            jnp.log(jnp.array([3.0, 3.0])),
+            jnp.log(jnp.full(3, 0.3)),
+            jnp.log(jnp.full(3, 3.0)),
             jnp.log(jnp.full(3, 0.02)),
             jnp.log(jnp.full(3, 0.2)),
             jnp.array([0.1, 0.15]),

@@ -49,9 +49,7 @@ FLYING = replace(
         for name, terms in TERMS.items()
     },
 )
-QUIET = Turbulence(
-    *(jnp.ones(2),) * 2, *(jnp.ones(3),) * 2, jnp.array([0.1, -0.2]), azimuth=jnp.asarray(0.7)
-)
+QUIET = Turbulence(*(jnp.ones(3),) * 4, jnp.array([0.1, -0.2]), azimuth=jnp.asarray(0.7))
 
 
 def means(aircraft: Aircraft) -> Means:
@@ -184,7 +182,7 @@ def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
 
 NOISE = Noise(
     QUIET._replace(
-        gust=jnp.array([1.0, 2.0]),
+        gust=jnp.array([1.0, 1.5, 2.0]),
         spin=jnp.array([0.05, 0.07, 0.1]),
         coupling=jnp.array([0.2, 0.3]),
         azimuth=jnp.asarray(0.4),
@@ -258,11 +256,10 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     rates = 0.3 * rng.standard_normal((size, size)) + np.diag(-20.0 * rng.uniform(size=size))
     shape, across = np.eye(size), np.array([-np.sin(0.4), np.cos(0.4), 0.0])
     down = np.array([0.0, 0.0, 1.0])
-    shape[BLOCKS["spin"], BLOCKS["gust"]] = 0.2 * np.outer(across, down)
-    shape[BLOCKS["spin"], BLOCKS["gust"]] += 0.3 * np.outer(down, across)
-    shape[BLOCKS["spin"], BLOCKS["spin"]] = np.stack(
-        [np.array([np.cos(0.4), np.sin(0.4), 0.0]), across, down], axis=1
-    )
+    turned = np.stack([np.array([np.cos(0.4), np.sin(0.4), 0.0]), across, down], axis=1)
+    coupling = 0.2 * np.outer(across, down) + 0.3 * np.outer(down, across)
+    shape[BLOCKS["gust"], BLOCKS["gust"]] = shape[BLOCKS["spin"], BLOCKS["spin"]] = turned
+    shape[BLOCKS["spin"], BLOCKS["gust"]] = coupling @ turned
     density = shape @ np.diag(np.asarray(aided.process_density(NOISE))) @ shape.T
     block = np.block([[-rates, density], [np.zeros((size, size)), rates.T]])
     both = scipy.linalg.expm(block * length)
