@@ -38,8 +38,8 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds() -> None:
         # Four deviations in any of ten: a chance of 6e-4.
         assert abs(value - made.TERMS[name][key]) < 4.0 * deviation[index], (name, key)
     ratio = deviation / np.sqrt(np.diagonal(found.bound))
-    assert ratio.min() > 0.99
-    # Scores of four blocks of two seconds scatter by chance.
+    # What the gains add has its sign by chance in eight seconds, as has the scatter of four blocks.
+    assert ratio.min() > 0.75
     assert ratio.max() < 1.7
     elevator = found.keys.index(("Cm", "elevator"))
     assert deviation[elevator] < 0.1 * abs(made.TERMS["Cm"]["elevator"])
