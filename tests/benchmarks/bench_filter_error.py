@@ -159,8 +159,9 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
         rows.append((words, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
     table.show(
         f"{name}_models",
-        f"{title}: error on another flight in % of the spread, and the least that is possible",
-        ("", "error", "bound", "ratio"),
+        f"{title}: error on another flight in % of the spread, and what the information at the "
+        "filter's gains lets expect",
+        ("", "error", "expected", "ratio"),
         rows,
     )
     off = {
