@@ -28,7 +28,7 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
     default="auto",
     show_default=True,
     help="Filter error: inside a filter that knows the aerodynamics and so tells gusts from "
-    "motion, a minute or two. Equation error: least squares on coefficients measured with "
+    "motion, some minutes. Equation error: least squares on coefficients measured with "
     "kinematic states, seconds, for calm air. By itself it goes by the gusts.",
 )
 @click.option(
