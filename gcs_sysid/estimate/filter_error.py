@@ -74,7 +74,6 @@ def fit(
     progress: Callable[[str], None],
     *,
     near: bool = False,
-    sure: bool = True,
 ) -> Fit:
     """Fits one flight.
 
@@ -87,17 +86,14 @@ def fit(
         counts: rows from which derivatives are learned.
         progress: told about every turn.
         near: whether `first` is near what is sought.
-        sure: whether deviations are to count how the gains move, which takes half a minute; without
-            it they are too small where a gust says most.
     """
     done = settling.settle(model, flight, first, beliefs, counts, progress, near=near)
     unknowns = settling.at(done, first.means)
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
     )
-    if sure:
-        progress("how sure all this is")
-    covariance, deviation = _deviations(model, unknowns, done, beliefs, sure=sure)
+    progress("how sure all this is")
+    covariance, deviation = _deviations(model, unknowns, done, beliefs)
     keys = derivative_keys(unknowns.means.aerodynamics)
     taken = slice(len(keys))
     free = np.diagonal(beliefs.covariance) > 0.0
@@ -116,7 +112,7 @@ def fit(
 
 
 def _deviations(
-    model: FlightModel, unknowns: Unknowns, done: Settled, beliefs: Beliefs, *, sure: bool
+    model: FlightModel, unknowns: Unknowns, done: Settled, beliefs: Beliefs
 ) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:
     """Covariance of the parameters of the mean, and one deviation of everything; 0 where held."""
     sigma = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
@@ -129,18 +125,11 @@ def _deviations(
     information = np.diagonal(done.last.told.matrix)[known] + np.diagonal(prior)[: known.size]
     sizes = np.zeros(free[0].size)
     sizes[known] = 1.0 / np.sqrt(information)
-    factor = settling.scatter(done, beliefs)
-    if sure:
-        keys = derivative_keys(unknowns.means.aerodynamics)
-        moving = [any(name in key for name in regressors.VARIABLES) for _, key in keys]
-        turning = np.pad(np.array(moving), (0, free[0].size - len(keys)))
-        told = sandwich.slopes(model, *unknowns, done.last.path, done.fitted, free, sizes, turning)
-        found = sandwich.covariance(told, prior, factor)
-    else:
-        alone = done.last.told.matrix[np.ix_(known, known)] / factor
-        found = prior.copy()
-        found[: known.size, : known.size] += alone
-        found = np.linalg.inv(found)
+    keys = derivative_keys(unknowns.means.aerodynamics)
+    moving = [any(name in key for name in regressors.VARIABLES) for _, key in keys]
+    turning = np.pad(np.array(moving), (0, free[0].size - len(keys)))
+    told = sandwich.slopes(model, *unknowns, done.last.path, done.fitted, free, sizes, turning)
+    found = sandwich.covariance(told, prior, settling.scatter(done, beliefs))
     covariance = np.zeros_like(beliefs.covariance)
     covariance[np.ix_(known, known)] = found[: known.size, : known.size]
     logs = np.zeros(sigma.size)

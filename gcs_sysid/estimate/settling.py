@@ -30,7 +30,7 @@ from gcs_sysid.reconstruct.causal import Pass, Path
 
 STRETCH = 4000
 """Rows of the stretch on which a search begins."""
-FIRST_TURNS, TURNS = 16, 12
+FIRST_TURNS, TURNS = 16, 24
 ORIENTED = (1, 6)
 """Turns of the first stretch in which the gusts' field is looked for."""
 STEPS = 2

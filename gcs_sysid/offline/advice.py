@@ -9,14 +9,13 @@ import numpy as np
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS
+from gcs_sysid.diagnose.investigation import GUSTY
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.estimate.verdict import COLLINEAR, collinear_with
 from gcs_sysid.offline.flight import Flight
 
 BLURRED = 0.5
 """An angle of attack known no better than this [°] blurs what depends on it."""
-GUSTY = 0.03
-"""Gust over airspeed from which flow angles without vanes are no use for slopes."""
 INPUT: Mapping[str, str] = {
     "alpha": "3-2-1-1 inputs and push-over/pull-ups on the pitch control at three airspeeds",
     "qhat": "short doublets on the pitch control, at a rate of at least 50 Hz",

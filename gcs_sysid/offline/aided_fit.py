@@ -34,7 +34,7 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
-STILL_GROWING = 1000.0
+STILL_GROWING = 10.0
 """A search that has not ended, and whose log-likelihood changed by more than this over its last
 turn, has found nothing [nat]."""
 
@@ -107,14 +107,18 @@ def identify(
         scored_fits.append(fit)
         found = _after(found, fit)
     scored = found
-    found = _believed(mean, sigma)
-    for number, item in enumerate(prepared):
-        first = _with(scored_fits[number].unknowns, scored)
-        every = np.ones_like(item.held)
-        tell = told(len(prepared) + number)
-        fit = _fit(model, item, first, found, every, near=True, progress=tell)
-        final_fits.append(fit)
-        found = _after(found, fit)
+    if any(item.held.any() for item in prepared):
+        found = _believed(mean, sigma)
+        for number, item in enumerate(prepared):
+            first = _with(scored_fits[number].unknowns, scored)
+            every = np.ones_like(item.held)
+            tell = told(len(prepared) + number)
+            fit = _fit(model, item, first, found, every, near=True, progress=tell)
+            final_fits.append(fit)
+            found = _after(found, fit)
+    else:
+        # Nothing was held out: both models are one.
+        final_fits = scored_fits
     progress("smoothing with the model", 1.0)
     seen = [
         _smoothed(model, item, _with(fit.unknowns, scored))
@@ -195,9 +199,7 @@ def _fit(
     if rows.rows.step.shape[0] > LONGEST:
         begin = flight_rows.busiest(rows, LONGEST)
         rows, counts = flight_rows.cut(rows, begin), counts[begin]
-    fit = filter_error.fit(
-        model, rows, first, _beliefs(item, found), counts, progress, near=near, sure=near
-    )
+    fit = filter_error.fit(model, rows, first, _beliefs(item, found), counts, progress, near=near)
     reached = fit.log_likelihood
     grown = reached[-1] - reached[-2]
     if not np.isfinite(reached[-1]) or not (fit.converged or abs(grown) < STILL_GROWING):

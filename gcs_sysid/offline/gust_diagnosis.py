@@ -17,7 +17,7 @@ from gcs_sysid.diagnose import extended, verdict
 from gcs_sysid.diagnose.aided import ranking
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.surface_delay import Delay
-from gcs_sysid.offline import advice, departed, investigation, summary
+from gcs_sysid.offline import departed, investigation, summary
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.investigation import Investigation
@@ -130,7 +130,8 @@ def _limits(best: Ranked | None) -> dict[str, float]:
 def _warnings(
     flights: Sequence[Flight], found: Investigation, corrections: Mapping[str, Any]
 ) -> list[str]:
-    listed = [text for one in flights for text in (*one.warnings, *advice.flight_warnings(one))]
+    # What kinematic states cannot tell limits nothing here.
+    listed = [text for one in flights for text in one.warnings]
     listed += found.notes
     listed += [
         f"{name} is no part of an aircraft file: aircraft-extended.toml does not hold it"

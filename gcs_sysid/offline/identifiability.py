@@ -218,7 +218,8 @@ def _gusts(
     angle = np.degrees(max(along, across))
     return [
         f"no flow vanes in gusts of about {angle:.0f}°: slopes over angle of attack and sideslip "
-        "come out low"
+        "come out low by least squares, and are fitted inside the filter where servo outputs are "
+        "recorded"
     ]
 
 

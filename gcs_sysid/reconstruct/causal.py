@@ -174,9 +174,8 @@ def passed(
         motion, seen = _sensitivities(model, means, log_noise, chunk, piece, jnp.asarray(asked))
         if more is not None:
             motion, seen = _with_more(model, more, means, chunk, motion, seen)
-        sensitivity, mine, others, sums = _gathered(
-            sensitivity, piece, done, motion, seen, jnp.asarray(wanted)
-        )
+        sensitivity, white = _carried(sensitivity, piece, done, motion, seen)
+        mine, others, sums = _gathered(white, done.whitened, jnp.asarray(wanted))
         blocks.append(np.asarray(sums))
         present = np.asarray(piece.present).sum(axis=1)
         told = _sum(told, mine, float(present[wanted].sum()))
@@ -306,33 +305,25 @@ def _with_more(
 
 @jax.jit
 def _gathered(
-    sensitivity: Float[Array, "state parameter"],
-    rows: Linearised,
-    done: linear_filter.Filtered,
-    motion: Float[Array, "sample state parameter"],
-    seen: Float[Array, "sample row parameter"],
+    white: Float[Array, "sample row parameter"],
+    whitened: Float[Array, "sample row"],
     wanted: Bool[Array, " sample"],
-) -> tuple[Array, tuple[Array, Array], tuple[Array, Array], Float[Array, "block parameter"]]:
-    """What a chunk tells: sensitivity of the mean at its end, sums wanted and others, blocks.
+) -> tuple[tuple[Array, Array], tuple[Array, Array], Float[Array, "block parameter"]]:
+    """What a chunk tells: sums over the rows wanted and over the others, scores of blocks.
 
     Args:
-        sensitivity: of the filter's mean before the chunk.
-        rows: the chunk.
-        done: the filter's steps over it.
-        motion: change of each offset with the parameters.
-        seen: change of each residual.
+        white: whitened sensitivities of the innovations.
+        whitened: innovations.
         wanted: rows of the first sum.
     """
-    end, white = _carried(sensitivity, rows, done, motion, seen)
 
     def sums(chosen: Bool[Array, " sample"]) -> tuple[Array, Array]:
         own = jnp.where(chosen[:, None, None], white, 0.0)
         flat = own.reshape(-1, own.shape[-1])
-        return flat.T @ flat, -flat.T @ done.whitened.reshape(-1)
+        return flat.T @ flat, -flat.T @ whitened.reshape(-1)
 
-    scores = -jnp.einsum("krp,kr->kp", white, done.whitened)
-    blocks = scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
-    return end, sums(wanted), sums(~wanted), blocks
+    scores = -jnp.einsum("krp,kr->kp", white, whitened)
+    return sums(wanted), sums(~wanted), scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
 
 
 @jax.jit

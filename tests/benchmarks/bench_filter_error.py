@@ -141,6 +141,18 @@ def scored(folder: Path, other: Path, aircraft: Aircraft, seed: int) -> dict[str
         "flow": flow_errors(found.flights[0], known(folder)),
         "coefficients": model_errors(aircraft, fit, fit.bound, known(other)),
         "derivatives": derivatives,
+        "turning": turning(aircraft, fit),
+    }
+
+
+def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
+    """How gusts turn the air: found, one deviation, and by MIL-F-8785C, each times the span."""
+    span = aircraft.geometry.wing_span
+    found, sure = (item.log_noise.turbulence.coupling for item in (fit.unknowns, fit.deviation))
+    wanted = (np.pi / 4.0, np.pi / 3.0)
+    return {
+        axis: [span * abs(float(one)), span * float(size), spec]
+        for axis, one, size, spec in zip(("across", "down"), found, sure, wanted, strict=True)
     }
 
 
@@ -197,6 +209,21 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
                 sum(result["converged"] for result in results),
                 f"{np.median([result['seconds'] for result in results]):.0f}",
             )
+        ],
+    )
+    table.show(
+        f"{name}_gusts",
+        f"{title}: rotation of the air by passing gusts, times the span, about the axis",
+        ("axis", "found", "sd", "MIL-F-8785C"),
+        [
+            (
+                axis,
+                *(
+                    f"{np.mean([r['turning'][axis][part] for r in results]):.3f}"
+                    for part in (0, 1, 2)
+                ),
+            )
+            for axis in results[0]["turning"]
         ],
     )
     table.show(
