@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -61,11 +59,21 @@ class SharedSkips:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def compilation_cache() -> Iterator[Path]:
-    """An empty compilation cache for this run and the commands it starts, gone afterwards."""
-    with tempfile.TemporaryDirectory(prefix="gcs-sysid-jax-") as folder:
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-        yield Path(folder)
+def compilation_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Compiled code of this run, shared by all its processes and the commands they start.
+
+    Without workers the folder of temporary files belongs to this process, with them its parent to
+    all.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder = folder / "compiled"
+    folder.mkdir(exist_ok=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    return folder
 
 
 @pytest.fixture(scope="session")

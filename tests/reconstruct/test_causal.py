@@ -10,9 +10,10 @@ from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.estimate import intensities
 from gcs_sysid.estimate.intensities import Prior, Search
-from gcs_sysid.model import air
+from gcs_sysid.model import aided, air
 from gcs_sysid.model.aided import Means
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
+from gcs_sysid.reconstruct.aided_ekf import AidedFilter
 from gcs_sysid.reconstruct.causal import More, Pass, Path
 from tests.estimate import made_flight as made
 
@@ -50,6 +51,30 @@ def test_a_settled_path_is_what_the_filter_predicts(flight) -> None:
     rows = causal.joined(made.MODEL, means, made.unknowns(1.0).log_noise, path)
     _, _, steps = causal.filtered(path, rows)
     assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-6
+
+
+def test_row_by_row_on_filterpy_it_is_the_same_filter(flight) -> None:
+    """Predicted states, whitened innovations and covariances, to 1e-9."""
+    known = made.unknowns(1.0)
+    path = settled(flight, known.means, rounds=8)
+    rows = causal.joined(made.MODEL, known.means, known.log_noise, path)
+    _, _, steps = causal.filtered(path, rows)
+    noise = aided_smoother.positive(known.log_noise)
+    live = AidedFilter(made.MODEL, known.means, noise, flight.beginning)
+    with pytest.raises(ValueError, match="no row was predicted"):
+        live.observe()
+    predicted, innovations, spreads = [], [], []
+    for index in range(made.COUNT):
+        live.predict(jax.tree.map(lambda part, index=index: part[index], flight.rows))
+        predicted.append(live.state)
+        live.observe()
+        innovations.append(np.asarray(steps[0].root[index]) @ live.y)
+        spreads.append(live.P)
+    found = jax.tree.map(lambda *parts: jnp.stack(parts), *predicted)
+    off = jax.vmap(aided.difference)(found, path.chunks[0].after)
+    assert float(jnp.max(jnp.abs(off))) < 1e-9
+    np.testing.assert_allclose(innovations, steps[0].whitened, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(spreads, steps[0].updated.covariance, rtol=0, atol=1e-9)
 
 
 def test_innovations_are_white_at_the_truth(flight) -> None:
