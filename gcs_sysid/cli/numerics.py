@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import sys
@@ -12,6 +13,9 @@ CACHE = "GCS_SYSID_CACHE_DIR"
 platform's cache folder."""
 
 _LOG = logging.getLogger(__name__)
+_KEPT = {-3: 32 << 20, -1: 1 << 30}
+"""Of glibc's mallopt: from which size on a block is mapped alone (the most that it takes), and how
+much is kept at the end [bytes]."""
 _WORTH_KEEPING = 0.1  # s of compilation; reading an entry back takes some milliseconds
 
 
@@ -42,6 +46,21 @@ def compute_in_one_thread() -> None:
     threads takes longer than computing them (measured on two cores: 2.5 ms a row instead of 1.8).
     """
     os.environ.setdefault("NPROC", "1")
+
+
+def keep_freed_memory() -> None:
+    """Tells the C library to keep large blocks that were freed, where it is glibc.
+
+    A filter over a whole flight makes arrays of ten megabytes and drops them, hundreds of times;
+    given back to the system, each comes anew page by page (a fifth of the time of a fit).
+    """
+    try:
+        library = ctypes.CDLL("libc.so.6")
+        for option, size in _KEPT.items():
+            library.mallopt(option, size)
+    except (OSError, AttributeError) as error:
+        # Results are the same without it.
+        _LOG.info("freed memory is given back: %s", error)
 
 
 def enable() -> None:

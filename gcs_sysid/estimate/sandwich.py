@@ -92,8 +92,9 @@ def slopes(
             by: float,
             begun: linear_filter.Belief = start,
             piece: Linearised = rows,
+            steps: linear_filter.Filtered = done,
         ) -> tuple[np.ndarray, np.ndarray]:
-            changes[key], told = linear_filter.change(begun, piece, other, changes[key])
+            changes[key], told = linear_filter.change(begun, piece, steps, other, changes[key])
             return np.asarray(told.innovation) / by, np.asarray(told.spread) / by
 
         white = held.chunk(chunk, rows, done)

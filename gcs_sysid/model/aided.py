@@ -55,6 +55,9 @@ ROWS: dict[str, slice] = {
 }
 """Rows of the innovation."""
 ROW_COUNT = 15
+MOVING = BLOCKS["wind"].start
+"""The states of the aircraft's motion are those before this one; they feel the others, which go
+their own way."""
 ATTITUDE_ERROR_TIME = 20.0
 """Correlation time of an autopilot's attitude error [s]."""
 UNBELIEVED = 3.0
@@ -319,7 +322,7 @@ def _slope(
 def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " state"]:
     """Rate of change of the error state in the middle of a row's step, but for what decays."""
     change, rate = _change(aircraft, means, state, row, 1)
-    return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - 9)])
+    return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - MOVING)])
 
 
 def advance(
@@ -419,7 +422,9 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
 
 
 def process(
-    half: Float[Array, "state state"], step: Float[Array, ""], noise: Noise
+    half: Float[Array, "state state"],
+    step: Float[Array, ""],
+    driving: Float[Array, "state state"],
 ) -> Float[Array, "state state"]:
     """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds by Simpson's rule.
 
@@ -429,13 +434,17 @@ def process(
     Args:
         half: transition over half the step.
         step: its length [s].
-        noise: intensities.
+        driving: D.
     """
-    shape = noise_shape(noise.turbulence)
-    late = (shape * process_density(noise)[None, :]) @ shape.T
-    middle = half @ late @ half.T
+    middle = half @ driving @ half.T
     early = half @ middle @ half.T
-    return step / 6.0 * (late + 4.0 * middle + early)
+    return step / 6.0 * (driving + 4.0 * middle + early)
+
+
+def driving(noise: Noise) -> Float[Array, "state state"]:
+    """Spectral density D of the white noise that drives the states."""
+    shape = noise_shape(noise.turbulence)
+    return (shape * process_density(noise)[None, :]) @ shape.T
 
 
 def noise_shape(turbulence: Turbulence) -> Float[Array, "state state"]:
@@ -446,11 +455,11 @@ def noise_shape(turbulence: Turbulence) -> Float[Array, "state state"]:
     return shape.at[gust, gust].set(turned).at[spin, spin].set(turned)
 
 
-def doubted(noise: Noise, row: Row) -> Noise:
-    """Intensities of a row's step."""
+def doubted(noise: Noise, modelled: Bool[Array, ""]) -> Noise:
+    """Intensities of a row's step, whose equations are to be believed or not."""
     return noise._replace(
-        force=jnp.where(row.modelled, noise.force, UNBELIEVED),
-        moment=jnp.where(row.modelled, noise.moment, UNBELIEVED),
+        force=jnp.where(modelled, noise.force, UNBELIEVED),
+        moment=jnp.where(modelled, noise.moment, UNBELIEVED),
     )
 
 
@@ -491,7 +500,7 @@ def jacobian(
     columns["wind"] = columns["gust"] = -columns["velocity"]
     matrix = jnp.zeros((SIZE, SIZE))
     for name, column in columns.items():
-        matrix = matrix.at[0:9, BLOCKS[name]].set(column)
+        matrix = matrix.at[:MOVING, BLOCKS[name]].set(column)
     x, y, z = rate
     still = jnp.zeros_like(x)
     turning = jnp.array([[still, -z, y], [z, still, -x], [-y, x, still]])
@@ -501,24 +510,26 @@ def jacobian(
 
 
 def half_transition(
-    mechanics: Float[Array, "state state"], turbulence: Turbulence, step: Float[Array, ""]
+    mechanics: Float[Array, "state state"],
+    decay: Float[Array, "thirteen thirteen"],
+    step: Float[Array, ""],
 ) -> Float[Array, "state state"]:
     """Transition over half a step: the exponential's series to the order of the scheme.
 
     Args:
         mechanics: the Jacobian in the middle of the step.
-        turbulence: how the air decays.
+        decay: how what is not motion changes by itself.
         step: length of the whole step [s].
     """
     unit = jnp.eye(SIZE)
-    rates = 0.5 * step * mechanics.at[9:, 9:].set(_decay(turbulence))
+    rates = 0.5 * step * mechanics.at[MOVING:, MOVING:].set(decay)
     half = unit + rates / 4.0
     for order in (3.0, 2.0, 1.0):
         half = unit + rates @ half / order
     return half
 
 
-def _decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
+def decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
     """How air, attitude error and push change by themselves."""
 
     def change(values: Float[Array, " thirteen"]) -> Float[Array, " thirteen"]:
@@ -527,7 +538,7 @@ def _decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
         slow = (-attitude_error / ATTITUDE_ERROR_TIME, -push / PUSH_TIME)
         return jnp.concatenate([*moving, *slow])
 
-    return jax.jacfwd(change)(jnp.zeros(SIZE - 9))
+    return jax.jacfwd(change)(jnp.zeros(SIZE - MOVING))
 
 
 def _seen(
@@ -571,14 +582,14 @@ def linearise(
     """
     middle = compose(before, 0.5 * difference(after, before))
     mechanics = jacobian(aircraft, means, middle, row, 1)
-    half = half_transition(mechanics, noise.turbulence, row.step)
+    half = half_transition(mechanics, decay(noise.turbulence), row.step)
     moved = advance(aircraft, means, noise.turbulence, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
         transition=half @ half,
         offset=difference(moved, after),
-        process=process(half, row.step, doubted(noise, row)),
+        process=process(half, row.step, driving(doubted(noise, row.modelled))),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

@@ -144,7 +144,11 @@ def first_unknowns(
         *(jnp.asarray(bias), jnp.asarray(force), zero, pair, pair),
         *(zero, zero, zero, zero, zero, zero),
     )
-    return Unknowns(Means(aerodynamics, sensors), _first_noise(flight.rows, aircraft, states))
+    noise = _first_noise(flight.rows, aircraft, states)
+    # Of one type from the beginning: numbers that only seem to be of float64 compile it all twice.
+    return jax.tree.map(
+        lambda value: jnp.asarray(value, jnp.float64), Unknowns(Means(aerodynamics, sensors), noise)
+    )
 
 
 def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise:

@@ -250,7 +250,7 @@ def _sensitivities(
     up for must cancel to its last digits.
     """
     flat, unravel = ravel_pytree(means)
-    turbulence = aided_smoother.positive(log_noise).turbulence
+    decay = aided.decay(aided_smoother.positive(log_noise).turbulence)
 
     def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
@@ -264,11 +264,14 @@ def _sensitivities(
         def seen(values: Float[Array, " asked"]) -> Float[Array, " row"]:
             return aided.innovation(model.aircraft, with_(values), part.after, part.row)
 
-        added = jax.jacfwd(ahead)(flat[asked])
+        moving = slice(0, aided.MOVING)  # nothing else is moved by a parameter
+        added = jax.jacfwd(ahead)(flat[asked])[moving]
         mechanics = aided.jacobian(model.aircraft, means, middle, part.row, 1)
-        half = aided.half_transition(mechanics, turbulence, part.row.step)
-        carried = (added + 4.0 * half @ added + transition @ added) / 6.0
-        return carried, jax.jacfwd(seen)(flat[asked])
+        half = aided.half_transition(mechanics, decay, part.row.step)
+        weight = 4.0 * half[moving, moving] + transition[moving, moving]
+        carried = (added + weight @ added) / 6.0
+        rest = ((0, aided.SIZE - aided.MOVING), (0, 0))
+        return jnp.pad(carried, rest), jax.jacfwd(seen)(flat[asked])
 
     return jax.vmap(one)(chunk, rows.transition)
 

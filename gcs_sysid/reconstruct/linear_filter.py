@@ -228,50 +228,62 @@ class Changed(NamedTuple):
 
 @jax.jit
 def change(
-    start: Belief, rows: Linearised, other: Linearised, earlier: Belief
+    start: Belief, rows: Linearised, done: Filtered, other: Linearised, earlier: Belief
 ) -> tuple[Belief, Changed]:
     """What a small change of the matrices changes, gains included.
 
-    The gain is where the updated covariance is least, so that its own change counts only in second
-    order there, dP = (I − KH) dP⁻ (I − KH)ᵀ + K dR Kᵀ − K dH P⁻ (I − KH)ᵀ − its transpose; in the
-    mean it counts in the first, dm = dm⁻ + K dν + dK ν with dK S = dP⁻Hᵀ + P⁻dHᵀ − K dS.
+    With A = d(HP⁻), dS = d(HP⁻Hᵀ + R) and K = P⁻HᵀS⁻¹,
+
+        dP⁺ = dP⁻ − KA − AᵀKᵀ + K dS Kᵀ        dm⁺ = dm⁻ + K dν + (Aᵀ − K dS) S⁻¹ν
 
     Args:
         start: belief at the chunk's beginning, the same for both.
         rows: the chunk.
+        done: the filter's steps over it.
         other: the chunk with matrices that differ a little.
         earlier: change of the belief at the chunk's beginning.
 
     Returns:
         Change of the belief at the chunk's end, and of every innovation.
     """
-    _, done = run(start, rows)
     none = jnp.zeros_like(rows.residual)
     moved = jax.tree.map(jnp.subtract, other._replace(present=none), rows._replace(present=none))
     before = _before(start, done)
+    turned = moved.transition @ before.covariance
+    drifted = jnp.einsum("kij,kj->ki", moved.transition, before.mean) + moved.offset
+    crossed = moved.sensitivity @ done.predicted.covariance
+    missed = moved.residual - jnp.einsum("kij,kj->ki", moved.sensitivity, done.predicted.mean)
+    weighed = jnp.einsum("kji,kj->ki", done.root, done.whitened)
+    gain = jnp.einsum("kji,kjl->kil", done.gain, done.root)
 
-    def ahead(
-        changes: Belief, item: tuple[Linearised, Linearised, Filtered, Belief]
-    ) -> tuple[Belief, Changed]:
-        row, by, now, begun = item
-        mean = row.transition @ changes.mean + by.transition @ begun.mean + by.offset
-        turned = by.transition @ begun.covariance @ row.transition.T
-        predicted = row.transition @ changes.covariance @ row.transition.T
-        predicted = predicted + turned + turned.T + by.process
-        missed = by.residual - by.sensitivity @ now.predicted.mean - row.sensitivity @ mean
-        crossed = by.sensitivity @ now.predicted.covariance
-        seen = crossed @ row.sensitivity.T
-        noise = jnp.diag(by.variance)
-        spread = row.sensitivity @ predicted @ row.sensitivity.T + seen + seen.T + noise
-        unit = now.root
-        gain = now.gain.T @ unit
-        weighed = unit.T @ now.whitened
-        of_gain = predicted @ (row.sensitivity.T @ weighed) + crossed.T @ weighed
-        of_gain = of_gain - gain @ (spread @ weighed)
-        left = jnp.eye(mean.size) - gain @ row.sensitivity
-        mixed = gain @ crossed @ left.T
-        updated = left @ predicted @ left.T + gain @ noise @ gain.T - mixed - mixed.T
-        after = Belief(mean + gain @ missed + of_gain, updated)
-        return after, Changed(unit @ missed, unit @ spread @ unit.T)
+    def ahead(changes: Belief, item: tuple[Array, ...]) -> tuple[Belief, Changed]:
+        transition, sensitivity, variance, process, add, drift, cross, miss, unit, weight, by = item
+        mean = transition @ changes.mean + drift
+        half = (0.5 * transition @ changes.covariance + add) @ transition.T
+        predicted = half + half.T + process
+        seen = sensitivity @ predicted + cross
+        both = cross @ sensitivity.T
+        spread = seen @ sensitivity.T + both.T + jnp.diag(variance)
+        innovation = miss - sensitivity @ mean
+        fed = by @ (seen - 0.5 * spread @ by.T)
+        updated = predicted - fed - fed.T
+        mean = mean + by @ (innovation - spread @ weight) + seen.T @ weight
+        return Belief(mean, updated), Changed(unit @ innovation, unit @ spread @ unit.T)
 
-    return jax.lax.scan(ahead, earlier, (rows, moved, done, before))
+    return jax.lax.scan(
+        ahead,
+        earlier,
+        (
+            rows.transition,
+            rows.sensitivity,
+            moved.variance,
+            moved.process,
+            turned,
+            drifted,
+            crossed,
+            missed,
+            done.root,
+            weighed,
+            gain,
+        ),
+    )

@@ -3,6 +3,11 @@
 Without options the flight of known truth beside the checkout, its aerodynamics ignored. With
 `--flights N` that many flights of our own simulator, each with its own gusts, wind and sensors;
 long, so run it apart. Results of flights that were fitted before are kept in `--folder`.
+
+`--told` is what the estimator is told of the aircraft: nothing of its aerodynamics; all of them
+30 % too large or too small, each by lot, and so uncertain; or nothing, and a mass and inertias that
+are wrong as well. Of these only C/m and C/I can be seen: what is scored is C times true/assumed.
+With `--vanes` the aircraft has flow vanes.
 """
 
 from __future__ import annotations
@@ -12,9 +17,10 @@ import json
 import subprocess
 import sys
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +32,11 @@ from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS, Aircraft  # noqa: 
 from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.estimate import basis  # noqa: E402
 from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
+from gcs_sysid.estimate.result import Prior  # noqa: E402
 from gcs_sysid.offline import aided_fit, flight, maneuver_choice  # noqa: E402
+from gcs_sysid.offline.aided_fit import UnsettledError  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
+from gcs_sysid.offline.identify import file_prior  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
 from tests.benchmarks import table  # noqa: E402
 
@@ -36,7 +45,47 @@ OWN = ROOT / "data" / "aircraft" / "aerosonde.toml"
 SETTLED = 5.0
 """Seconds at both ends that are not scored."""
 Z95 = 1.96
+WRONG = 0.3
+COARSE_MASS, COARSE_INERTIA = 1.08, 0.8
+"""Assumed over true."""
+VANES = """
+[vanes]
+position = [0.9, 0.0, 0.0]
+"""
 Columns = dict[str, np.ndarray]
+
+
+class Told(NamedTuple):
+    """What the estimator is told: file and prior, and by what coefficients will be too large."""
+
+    aircraft: Aircraft
+    prior: Mapping[str, Prior] | None
+    factor: Mapping[str, float]
+
+
+def told(kind: str, aircraft: Aircraft, seed: int) -> Told:
+    """The description of a kind; see above."""
+    one = dict.fromkeys(COEFFICIENTS, 1.0)
+    if kind == "ignored":
+        return Told(aircraft, None, one)
+    if kind == "coarse":
+        mass, inertias = aircraft.mass, ("Ixx", "Iyy", "Izz", "Ixz", "Ixy", "Iyz")
+        coarse = replace(
+            mass,
+            mass=COARSE_MASS * mass.mass,
+            **{name: COARSE_INERTIA * getattr(mass, name) for name in inertias},
+        )
+        factor = dict.fromkeys(FORCES, COARSE_MASS) | dict.fromkeys(MOMENTS, COARSE_INERTIA)
+        return Told(replace(aircraft, mass=coarse), None, factor)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=200).tolist()
+    prior = {
+        name: Prior(
+            {key: value * (1.0 + WRONG * signs.pop()) for key, value in item.value.items()},
+            {key: WRONG * abs(value) for key, value in item.value.items()},
+        )
+        for name, item in file_prior(aircraft).items()
+    }
+    return Told(aircraft, prior, one)
 
 
 def known(folder: Path) -> Columns:
@@ -76,14 +125,14 @@ def true_flow(aircraft: Aircraft, true: Columns) -> Columns:
 
 
 def model_errors(
-    aircraft: Aircraft, fit: Fit, bound: np.ndarray, true: Columns
+    aircraft: Aircraft, fit: Fit, factor: Mapping[str, float], true: Columns
 ) -> dict[str, dict[str, float]]:
     """100·std(model − true)/std(true) on another flight, and what the bound leaves of it.
 
     Args:
         aircraft: with its true aerodynamics.
         fit: derivatives found.
-        bound: covariance of derivatives that no estimate can beat.
+        factor: by which those of each coefficient are too large for the mass they were told.
         true: columns of the other flight.
     """
     flow, out = true_flow(aircraft, true), {}
@@ -93,37 +142,39 @@ def model_errors(
         values = fit.unknowns.means.aerodynamics[name]
         columns = basis.columns(keys, aircraft.control_names, flow)
         terms = aircraft.aerodynamics[name].terms
-        told = columns @ np.array([float(values[key]) for key in keys])
+        found = columns @ np.array([float(values[key]) for key in keys]) / factor[name]
         flew = basis.columns(tuple(terms), aircraft.control_names, flow) @ np.array(
             [item.value for item in terms.values()]
         )
         spread = float(np.std(flew))
-        least = np.trace(
-            np.cov(columns.T, bias=True).reshape(len(rows), -1) @ bound[np.ix_(rows, rows)]
-        )
+        bound = fit.bound[np.ix_(rows, rows)] / factor[name] ** 2
+        least = np.trace(np.cov(columns.T, bias=True).reshape(len(rows), -1) @ bound)
         out[name] = {
-            "error": 100.0 * float(np.std(told - flew)) / spread,
-            "mean": 100.0 * float(np.mean(told - flew)) / spread,
+            "error": 100.0 * float(np.std(found - flew)) / spread,
+            "mean": 100.0 * float(np.mean(found - flew)) / spread,
             "bound": 100.0 * float(np.sqrt(least)) / spread,
         }
     return out
 
 
-def scored(folder: Path, other: Path, aircraft: Aircraft, seed: int) -> dict[str, Any]:
-    """Fits a flight without its aerodynamics, and compares."""
-    log = folder / "flight.tlog"
+def scored(
+    folder: Path, other: Path, aircraft: Aircraft, known_of: Told, seed: int
+) -> dict[str, Any]:
+    """Fits a flight, and compares with its true aircraft."""
     one = flight.read(
-        log,
-        aircraft,
+        folder / "flight.tlog",
+        known_of.aircraft,
         vehicle=None,
-        segments=maneuver_choice.chooser(None, aircraft),
+        segments=maneuver_choice.chooser(None, known_of.aircraft),
         delay=None,
         progress=lambda *_: None,
         measured=True,
     )
     structure = regressors.default_structure(aircraft)
     begun = clock.perf_counter()
-    found = aided_fit.identify([one], aircraft, structure, None, (), lambda *_: None)
+    found = aided_fit.identify(
+        [one], known_of.aircraft, structure, known_of.prior, (), lambda *_: None
+    )
     seconds = clock.perf_counter() - begun
     fit = found.fits[0]
     values, sizes = fit.unknowns.means.aerodynamics, np.sqrt(np.diagonal(fit.covariance))
@@ -133,13 +184,15 @@ def scored(folder: Path, other: Path, aircraft: Aircraft, seed: int) -> dict[str
     ):
         item = aircraft.aerodynamics[name].terms.get(key)
         flew = item.value if item is not None else 0.0
-        derivatives[f"{name}_{key}"] = [float(values[name][key]), float(size), flew, float(least)]
+        scale = 1.0 / known_of.factor[name]
+        each = (scale * float(values[name][key]), scale * float(size), flew, scale * float(least))
+        derivatives[f"{name}_{key}"] = list(each)
     return {
         "seed": seed,
         "seconds": seconds,
         "converged": fit.converged,
         "flow": flow_errors(found.flights[0], known(folder)),
-        "coefficients": model_errors(aircraft, fit, fit.bound, known(other)),
+        "coefficients": model_errors(aircraft, fit, known_of.factor, known(other)),
         "derivatives": derivatives,
         "turning": turning(aircraft, fit),
     }
@@ -185,6 +238,11 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
         )
         for key in results[0]["derivatives"]
     }
+
+    def wider(key: str) -> float:
+        each = [result["derivatives"][key] for result in results]
+        return float(np.median([size / least for _, size, _, least in each]))
+
     pooled = np.concatenate(list(off.values()))
     alpha, beta = np.mean([result["flow"] for result in results], axis=0)
     table.show(
@@ -228,57 +286,89 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
     )
     table.show(
         f"{name}_derivatives",
-        f"{title}: mean and spread of (found − true)/sd, share within 95 %",
-        ("derivative", "mean", "spread", "hold"),
+        f"{title}: mean and spread of (found − true)/sd, share within 95 %, sd over that at held "
+        "gains",
+        ("derivative", "mean", "spread", "hold", "sd"),
         [
-            (key, f"{z.mean():+.2f}", f"{z.std():.2f}", f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %")
+            (
+                key,
+                f"{z.mean():+.2f}",
+                f"{z.std():.2f}",
+                f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %",
+                f"{wider(key):.2f}",
+            )
             for key, z in off.items()
         ],
     )
 
 
-def flown(folder: Path, seed: int) -> None:
+def flown(folder: Path, seed: int, description: Path) -> None:
     """Flies one of our own, unless it was flown before."""
     if (folder / "truth.npz").exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    command = [sys.executable, "-m", "gcs_sysid", "sitl", "--aircraft", str(OWN)]
+    command = [sys.executable, "-m", "gcs_sysid", "sitl", "--aircraft", str(description)]
     command += ["--record", str(folder / "flight.tlog"), "--truth", str(folder / "truth.npz")]
     command += ["--seed", str(seed), "--gust", f"{rng.uniform(1.2, 1.9):.2f}"]
     command += ["--wind", f"{rng.uniform(0.0, 360.0):.0f}", f"{rng.uniform(2.0, 7.0):.1f}"]
     subprocess.run(command, check=True, capture_output=True)
 
 
+def described(folder: Path, *, vanes: bool) -> Path:
+    """The file of our own aircraft, with vanes or as it is."""
+    if not vanes:
+        return OWN
+    path = folder / "aircraft.toml"
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(OWN.read_text() + VANES)
+    return path
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--flights", type=int, default=0)
     parser.add_argument("--seed", type=int, default=7000, help="of the first flight")
+    parser.add_argument("--told", choices=("ignored", "wrong", "coarse"), default="ignored")
+    parser.add_argument("--vanes", action="store_true")
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "filter_error")
     parser.add_argument("--save", action="store_true")
     asked = parser.parse_args()
     numerics.enable()
+    numerics.keep_freed_memory()
     if not asked.flights:
         if not CASES.is_dir():
             print("filter error: no flights of known truth beside the checkout")
             return
         aircraft = aircraft_file.load(CASES / "clean" / "aircraft.toml")
-        result = scored(CASES / "clean", CASES / "clean_second", aircraft, 0)
-        shown("filter_error", "Filter error on clean, aerodynamics ignored", [result])
+        known_of = told(asked.told, aircraft, 0)
+        result = scored(CASES / "clean", CASES / "clean_second", aircraft, known_of, 0)
+        shown("filter_error", f"Filter error on clean, aerodynamics {asked.told}", [result])
         return
-    aircraft = aircraft_file.load(OWN)
-    other = asked.folder / "other"
-    flown(other, asked.seed - 1)
+    base = asked.folder / "vanes" if asked.vanes else asked.folder
+    description = described(base, vanes=asked.vanes)
+    aircraft = aircraft_file.load(description)
+    other = base / "other"
+    flown(other, asked.seed - 1, description)
     results = []
     for seed in range(asked.seed, asked.seed + asked.flights):
-        folder = asked.folder / str(seed)
-        flown(folder, seed)
-        kept = folder / "result.json"
+        folder = base / str(seed)
+        flown(folder, seed, description)
+        kept = folder / f"{asked.told}.json"
         if not kept.exists():
-            kept.write_text(json.dumps(scored(folder, other, aircraft, seed)))
+            known_of = told(asked.told, aircraft, seed)
+            try:
+                result = scored(folder, other, aircraft, known_of, seed)
+            except UnsettledError as error:
+                result = {"seed": seed, "unsettled": str(error)}
+            kept.write_text(json.dumps(result))
         results.append(json.loads(kept.read_text()))
-        print(f"flight {seed}: {results[-1]['seconds']:.0f} s", flush=True)
-    shown("filter_error_flights", f"{len(results)} own flights", results)
+        print(f"flight {seed}: {results[-1].get('seconds', 0.0):.0f} s", flush=True)
+    ended = [result for result in results if "unsettled" not in result]
+    print(f"{len(results) - len(ended)} of {len(results)} searches found no end: no number")
+    name = f"filter_error_{asked.told}" + ("_vanes" if asked.vanes else "")
+    words = f"{len(ended)} own flights" + (" with vanes" if asked.vanes else "")
+    shown(name, f"{words}, aerodynamics {asked.told}", ended)
 
 
 if __name__ == "__main__":

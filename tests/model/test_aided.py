@@ -265,7 +265,7 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     both = scipy.linalg.expm(block * length)
     transition = both[size:, size:].T
     half = scipy.linalg.expm(0.5 * length * rates)
-    found = aided.process(jnp.asarray(half), jnp.asarray(length), NOISE)
+    found = aided.process(jnp.asarray(half), jnp.asarray(length), aided.driving(NOISE))
     exact = transition @ both[:size, size:]
     scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
     # Simpson's rule is exact to third order in the step; what is left is largest where noise has to

@@ -161,7 +161,8 @@ def test_innovations_and_their_covariance_change_with_all_matrices() -> None:
     root = np.asarray(linear_filter.run(start, rows)[1].root)
     (missed, spread), (before, less) = expected(size), expected(-size)
     still = jax.tree.map(jnp.zeros_like, start)
-    _, found = linear_filter.change(start, rows, near(size), still)
+    done = linear_filter.run(start, rows)[1]
+    _, found = linear_filter.change(start, rows, done, near(size), still)
     # Central differences of numbers of order one: good to 1e-16/1e-6 of the change.
     np.testing.assert_allclose(
         found.innovation,

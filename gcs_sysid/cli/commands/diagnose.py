@@ -49,6 +49,7 @@ def command(
     from gcs_sysid.offline import diagnose
 
     numerics.enable()
+    numerics.keep_freed_memory()
     with (
         output.folder(out, logs[0], "diagnose", WRITES) as destination,
         output.progress(f"diagnose {logs[0].name}") as progress,

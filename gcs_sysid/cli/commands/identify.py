@@ -62,6 +62,7 @@ def command(
     from gcs_sysid.offline import identify
 
     numerics.enable()
+    numerics.keep_freed_memory()
     with (
         output.folder(out, logs[0], "identify", WRITES) as destination,
         output.progress(f"identify {logs[0].name}") as progress,
