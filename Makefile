@@ -48,7 +48,7 @@ flights: setup
 	@$(BIN)/gcs-sysid sitl --scenario replay/demo/scenario.toml
 
 test: setup
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --require-shared
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --require-shared
 
 lint: setup
 	@$(BIN)/ruff format --check .

@@ -14,6 +14,8 @@ from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.reconstruct import aided_smoother
 from tests.estimate import made_flight as made
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:

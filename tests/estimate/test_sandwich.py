@@ -12,6 +12,8 @@ from gcs_sysid.estimate.sandwich import Slopes
 from gcs_sysid.reconstruct import aided_smoother, causal
 from tests.estimate import made_flight as made
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from gcs_sysid.reconstruct.aided_ekf import AidedFilter
 from gcs_sysid.reconstruct.causal import More, Pass, Path
 from tests.estimate import made_flight as made
 
+pytestmark = pytest.mark.slow
 EVERY = np.ones(made.COUNT, dtype=bool)
 
 
