@@ -258,7 +258,8 @@ def _newton(
     slope = root.T @ score - at
     if before is not None:
         step, change = at - before.at, before.slope - slope
-        if 1.0 < step @ change / (step @ inner @ step) < MOST_CURVED:
+        expected = step @ inner @ step
+        if expected < step @ change < MOST_CURVED * expected:
             inner = quasi_newton.updated(inner, step, change)
     damped = inner + damping * np.diag(np.diagonal(inner))
     move = root @ np.linalg.solve(damped, slope)

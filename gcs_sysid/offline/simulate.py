@@ -88,6 +88,7 @@ def run(
         "flights": summary.flights_document([one]),
         "windows": {"count": int(cut.piece.size), "length_s": windows.LENGTH},
         "channels": channels(flown, cut, found),
+        "free_run": free_run(flown, windows.whole(one, flown)),
         "departures": departures(one, flown, cut, found),
         "maneuvers": summary.maneuvers([one], []),
         "reconstruction": summary.reconstruction(one),
@@ -112,18 +113,53 @@ def channels(aircraft: Aircraft, cut: Windows, found: Simulated) -> dict[str, di
     document = {}
     for index, name in enumerate(CHANNELS):
         measured, simulated = cut.measured[..., index], found.value[..., index]
-        error = simulated - measured
-        rms, inequality = _rms(error), theil(measured, simulated)
+        scored = agreement(measured, simulated)
         document[name] = {
-            "bias": float(np.mean(error)),
-            "rms": rms,
-            "theil": inequality,
-            "pass": bool(rms <= limit[name] or inequality <= tolerances.THEIL),
+            **scored,
+            "pass": bool(scored["rms"] <= limit[name] or scored["theil"] <= tolerances.THEIL),
             "tolerance": limit[name],
             "expected_sd": _rms(found.deviation[..., index]),
             "unit": UNITS.get(name, "rad"),
         }
     return document
+
+
+def free_run(aircraft: Aircraft, whole: Windows) -> dict[str, Any]:
+    """The same over whole maneuvers, each left alone from its beginning.
+
+    A maneuver that the simulation cannot fly to its end is `lost`, and scored in none.
+    """
+    value = windows.fly_freely(aircraft, whole)
+    seen = np.isfinite(whole.measured)
+    ended = np.isfinite(np.where(seen, value, 0.0)).all(axis=(1, 2))
+    return {
+        "count": int(ended.sum()),
+        "lost": whole.piece[~ended].tolist(),
+        "longest_s": float(np.max(seen[..., 0].sum(axis=1), initial=0) * windows.STEP),
+        "channels": {
+            name: {
+                **agreement(whole.measured[ended, :, index], value[ended, :, index]),
+                "unit": UNITS.get(name, "rad"),
+            }
+            for index, name in enumerate(CHANNELS)
+        }
+        if ended.any()
+        else {},
+    }
+
+
+def agreement(
+    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+) -> dict[str, Any]:
+    """Bias and rms of simulated less measured, and Theil's coefficient with its parts."""
+    seen = np.isfinite(measured)
+    error = (simulated - measured)[seen]
+    return {
+        "bias": float(np.mean(error)),
+        "rms": _rms(error),
+        "theil": theil(measured, simulated),
+        "theil_parts": theil_parts(measured, simulated),
+    }
 
 
 def theil(
@@ -134,10 +170,34 @@ def theil(
     Of the changes since the measured beginning of each window: with an airspeed's or a heading's
     mean in it any simulation would pass.
     """
-    first = measured[:, :1]
-    one, other = measured - first, simulated - first
+    one, other = _changes(measured, simulated)
     size = _rms(one) + _rms(other)
     return _rms(other - one) / size if size > 0.0 else 0.0
+
+
+def theil_parts(
+    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+) -> dict[str, float]:
+    """Of what the mean square of the error is made; the parts add up to one.
+
+    Another mean, another size, and another course (Jategaonkar, *Flight Vehicle System
+    Identification*, 2nd ed. 2015, section 11.3.3): of a good simulation's error the last is most.
+    """
+    one, other = _changes(measured, simulated)
+    total = float(np.mean((other - one) ** 2))
+    if total == 0.0:
+        return {"bias": 0.0, "variance": 0.0, "covariance": 0.0}
+    bias = float(np.mean(other) - np.mean(one)) ** 2 / total
+    variance = float(np.std(other) - np.std(one)) ** 2 / total
+    return {"bias": bias, "variance": variance, "covariance": 1.0 - bias - variance}
+
+
+def _changes(
+    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+) -> tuple[Float[np.ndarray, " seen"], Float[np.ndarray, " seen"]]:
+    """Measured and simulated changes since the measured beginning, where something was measured."""
+    first, seen = measured[:, :1], np.isfinite(measured)
+    return (measured - first)[seen], (simulated - first)[seen]
 
 
 def _rms(values: np.ndarray) -> float:
@@ -183,11 +243,8 @@ def _region(kind: str, measured: Float[np.ndarray, "sample channel"]) -> str:
     """Where in the envelope a window was flown, in words."""
     middle = np.median(measured, axis=0)
     value = dict(zip(CHANNELS, middle, strict=True))
-    degrees = {name: np.degrees(value[name]) for name in ("alpha", "beta", "phi")}
-    return (
-        f"{kind} at {value['V']:.0f} m/s, alpha {degrees['alpha']:.0f} deg, "
-        f"beta {degrees['beta']:.0f} deg, bank {degrees['phi']:.0f} deg"
-    )
+    alpha, beta, bank = (round(float(np.degrees(value[name]))) for name in ("alpha", "beta", "phi"))
+    return f"{kind} at {value['V']:.0f} m/s, alpha {alpha} deg, beta {beta} deg, bank {bank} deg"
 
 
 def _table(one: Flight, cut: Windows, found: Simulated) -> dict[str, np.ndarray]:

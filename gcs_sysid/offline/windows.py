@@ -1,13 +1,14 @@
-"""A simulation flown beside a measured flight: short windows, each from the measured state.
+"""A simulation flown beside a measured flight, in windows that each begin with the measured state.
 
 A window is started from the reconstructed state, given the measured controls and the reconstructed
-wind, and left alone for a few seconds; longer, an aircraft that is but a little different ends up
-elsewhere, and nothing can be read from the difference.
+wind, and left alone: for a few seconds, since later an aircraft that is but a little different is
+elsewhere and little can be read from the difference; or for a whole maneuver, which is how the
+simulation would be used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -29,11 +30,12 @@ STEP = 0.01
 """Step of the integration [s]: a quarter of the roll mode of a small aircraft."""
 SHARE = 1e-3
 """Part of a sigma that a value is moved by to see what it does."""
+_NONE = (np.zeros(0), np.zeros(0), np.zeros(0))
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi")
 
 
 class Windows(NamedTuple):
-    """Measured motion and inputs, cut into windows of equal length.
+    """Measured motion and inputs, cut into windows, those that end earlier filled up.
 
     Attributes:
         time: [s after the recording's epoch].
@@ -41,7 +43,8 @@ class Windows(NamedTuple):
         start: state at the beginning of each.
         flow_sigma: one standard deviation of airspeed, angle of attack, sideslip there.
         inputs: what acted on the aircraft.
-        measured: the reconstructed channels, in the order of `CHANNELS` [m/s, rad, rad/s].
+        measured: the reconstructed channels, in the order of `CHANNELS` [m/s, rad, rad/s]; NaN
+            after a window's end.
     """
 
     time: Float[np.ndarray, "window sample"]
@@ -64,18 +67,34 @@ class Simulated(NamedTuple):
 
 
 def cut(flight: Flight, aircraft: Aircraft) -> Windows:
-    """Windows of a flight: every maneuver from its beginning, without holes in the telemetry."""
+    """Short windows: every maneuver from its beginning, without holes in the telemetry."""
+    spans = [
+        (begin, begin + LENGTH, segment.id)
+        for segment in flight.segments
+        for begin in np.arange(segment.start, segment.end - LENGTH + 1e-9, LENGTH).tolist()
+    ]
+    return _cut(flight, aircraft, spans)
+
+
+def whole(flight: Flight, aircraft: Aircraft) -> Windows:
+    """Every maneuver without holes in the telemetry, each one window."""
+    spans = [(segment.start, segment.end, segment.id) for segment in flight.segments]
+    return _cut(flight, aircraft, spans)
+
+
+def _cut(flight: Flight, aircraft: Aircraft, spans: Sequence[tuple[float, float, int]]) -> Windows:
+    """Windows from begin to end, each of a maneuver; those with holes are left out."""
     states = flight.reconstruction
     bad = flights.beside_holes(states.time)
-    begins, pieces = [], []
-    for segment in flight.segments:
-        for begin in np.arange(segment.start, segment.end - LENGTH + 1e-9, LENGTH):
-            inside = (states.time >= begin) & (states.time <= begin + LENGTH)
-            if inside.sum() > 2 and not bad[inside].any():
-                begins.append(begin)
-                pieces.append(segment.id)
-    count = round(LENGTH / STEP) + 1
-    time = np.array(begins)[:, None] + STEP * np.arange(count) if begins else np.zeros((0, count))
+    kept = []
+    for begin, end, piece in spans:
+        inside = (states.time >= begin) & (states.time <= end)
+        if inside.sum() > 2 and not bad[inside].any():
+            kept.append((begin, end, piece))
+    begins, ends, pieces = (np.array(part) for part in zip(*kept, strict=True)) if kept else _NONE
+    count = round(float(np.max(ends - begins, initial=0.0)) / STEP) + 1
+    time = begins[:, None] + STEP * np.arange(count)
+    beyond = time > ends[:, None] + 0.5 * STEP
 
     def at(values: np.ndarray) -> np.ndarray:
         flat = values.reshape(values.shape[0], -1)
@@ -92,9 +111,10 @@ def cut(flight: Flight, aircraft: Aircraft) -> Windows:
     position = np.zeros_like(rate)
     position[..., 2] = -at(states.height)
     deviation = np.sqrt(np.einsum("sii->si", states.flow_covariance))
+    measured = np.concatenate([np.stack([speed, alpha, beta], axis=-1), rate, euler], axis=-1)
     return Windows(
         time=time,
-        piece=np.array(pieces, dtype=int),
+        piece=pieces.astype(int),
         start=State(
             *(
                 jnp.asarray(values[:, 0])
@@ -103,7 +123,7 @@ def cut(flight: Flight, aircraft: Aircraft) -> Windows:
         ),
         flow_sigma=at(deviation)[:, 0],
         inputs=_inputs(flight, aircraft, time, wind, at(states.density), speed),
-        measured=np.concatenate([np.stack([speed, alpha, beta], axis=-1), rate, euler], axis=-1),
+        measured=np.where(beyond[..., None], np.nan, measured),
     )
 
 
@@ -140,13 +160,36 @@ def _inputs(
 
 def fly(aircraft: Aircraft, windows: Windows) -> Simulated:
     """The file's aircraft on the measured controls, window by window."""
-    values = rigid_body.parameters(aircraft)
-    time = jnp.asarray(STEP * np.arange(windows.time.shape[1]))
     sigma = {
         name: {key: jnp.asarray(item.sigma) for key, item in model.terms.items()}
         for name, model in aircraft.aerodynamics.items()
     }
     count = 3 + sum(len(entry) for entry in sigma.values())
+    # The file as it is first, then a small share of each sigma: differences, since a derivative of
+    # the whole flight takes three times as long to compile.
+    moves = jnp.concatenate([jnp.zeros((1, count)), SHARE * jnp.eye(count)])
+    paths = _flown(aircraft, windows, sigma, moves)
+    spread = (paths[1:] - paths[0]) / SHARE
+    return Simulated(paths[0], np.sqrt(np.sum(spread**2, axis=0)))
+
+
+def fly_freely(aircraft: Aircraft, windows: Windows) -> Float[np.ndarray, "window sample channel"]:
+    """The same without deviations; what the simulation cannot fly to the end is not finite."""
+    none = {name: {key: jnp.zeros(()) for key in model.terms}
+            for name, model in aircraft.aerodynamics.items()}  # fmt: skip
+    count = 3 + sum(len(entry) for entry in none.values())
+    return _flown(aircraft, windows, none, jnp.zeros((1, count)))[0]
+
+
+def _flown(
+    aircraft: Aircraft,
+    windows: Windows,
+    sigma: Mapping[str, Mapping[str, Array]],
+    moves: Float[Array, "move value"],
+) -> Float[np.ndarray, "move window sample channel"]:
+    """Channels with flow at the beginning and values moved by so many of their sigmas."""
+    values = rigid_body.parameters(aircraft)
+    time = jnp.asarray(STEP * np.arange(windows.time.shape[1]))
 
     def one(change: Array, start: State, inputs: Inputs, flow: Array) -> Array:
         moved = _started(start, inputs, change[:3] * flow)
@@ -156,19 +199,12 @@ def fly(aircraft: Aircraft, windows: Windows) -> Simulated:
 
     given = (windows.start, windows.inputs, jnp.asarray(windows.flow_sigma))
     every = jax.vmap(one, in_axes=(None, 0, 0, 0))
-    # The file as it is first, then a small share of each sigma: differences, since a derivative of
-    # the whole flight takes three times as long to compile.
-    moves = jnp.concatenate([jnp.zeros((1, count)), SHARE * jnp.eye(count)])
-    paths = np.asarray(
-        jax.jit(lambda rows: jax.lax.map(lambda row: every(row, *given), rows))(moves)
-    )
-    found = np.unwrap(paths[..., 6:], axis=2)
-    paths = np.concatenate([paths[..., :6], found], axis=-1)
+    paths = np.array(jax.jit(lambda rows: jax.lax.map(lambda row: every(row, *given), rows))(moves))
+    with np.errstate(invalid="ignore"):  # what was lost stays lost
+        paths[..., 6:] = np.unwrap(paths[..., 6:], axis=2)
     turns = (windows.measured[:, :1, 6:] - paths[0, :, :1, 6:]) / (2.0 * np.pi)
-    value = paths[0].copy()
-    value[..., 6:] += 2.0 * np.pi * np.round(turns)
-    spread = (paths[1:] - paths[0]) / SHARE
-    return Simulated(value, np.sqrt(np.sum(spread**2, axis=0)))
+    paths[..., 6:] += 2.0 * np.pi * np.round(turns)
+    return paths
 
 
 def _changed(

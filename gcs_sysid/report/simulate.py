@@ -39,6 +39,12 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     tables=(_channels(summary),),
                 ),
                 Section(
+                    "free-run",
+                    "Whole maneuvers",
+                    _free_run_words(summary["free_run"]),
+                    tables=(_free_run(summary),) if summary["free_run"]["channels"] else (),
+                ),
+                Section(
                     "departures",
                     "Departures",
                     "Windows in which a channel left its tolerance, the largest first."
@@ -113,6 +119,36 @@ def _channels(summary: Mapping) -> Table:
                 "pass" if item["pass"] else "departs",
             )
             for name, item in summary["channels"].items()
+        ),
+    )
+
+
+def _free_run_words(free_run: Mapping) -> str:
+    lost = free_run["lost"]
+    words = (
+        f"Each of {free_run['count']} maneuvers left alone from its beginning, the longest for "
+        f"{free_run['longest_s']:.0f} s. Of Theil's coefficient a good simulation has most in "
+        "another course, little in another mean or size."
+    )
+    if lost:
+        words += f" Not flown to the end: maneuvers {', '.join(map(str, lost))}."
+    return words
+
+
+def _free_run(summary: Mapping) -> Table:
+    return Table(
+        ("channel", "bias", "rms", "Theil", "of it mean", "size", "course"),
+        tuple(
+            (
+                name,
+                *(_shown(item[key], item["unit"]) for key in ("bias", "rms")),
+                number(item["theil"], 2),
+                *(
+                    f"{100.0 * item['theil_parts'][part]:.0f} %"
+                    for part in ("bias", "variance", "covariance")
+                ),
+            )
+            for name, item in summary["free_run"]["channels"].items()
         ),
     )
 

@@ -118,5 +118,38 @@ def test_theil_is_zero_for_equal_one_for_opposite_and_blind_to_a_common_mean() -
     assert simulate.theil(np.zeros((1, 5)), np.zeros((1, 5))) == 0.0
 
 
+def test_parts_of_theil_are_mean_size_and_course_and_add_up() -> None:
+    wave = np.sin(np.linspace(0.0, 8.0 * np.pi, 400))[None]
+    quarter = np.cos(np.linspace(0.0, 8.0 * np.pi, 400))[None] - 1.0
+    larger = simulate.theil_parts(wave, 1.5 * wave)
+    assert larger["variance"] == pytest.approx(1.0, abs=1e-6)
+    moved = simulate.theil_parts(wave, wave + 0.3)
+    assert moved["bias"] == pytest.approx(1.0)
+    later = simulate.theil_parts(wave, quarter)
+    # A quarter of a period late and lower by one: 1 of the mean square of 1 + 1 is the mean.
+    assert later["bias"] == pytest.approx(0.5, abs=0.01)
+    assert later["covariance"] == pytest.approx(0.5, abs=0.01)
+    assert sum(later.values()) == pytest.approx(1.0)
+
+
+def test_whole_maneuvers_end_where_they_were_flown_and_those_lost_are_told(flown) -> None:
+    made, cut = flown
+    measured = cut.measured.copy()
+    measured[1, COUNT // 2 :] = np.nan
+    found = simulate.free_run(made, cut._replace(measured=measured))
+    assert found["count"] == 2
+    assert found["longest_s"] == pytest.approx(COUNT * windows.STEP)
+    assert found["lost"] == []
+    assert max(item["rms"] for item in found["channels"].values()) < 1e-9
+    models = dict(made.aerodynamics)
+    terms = {
+        key: replace(item, value=-3e4 * item.value) for key, item in models["Cm"].terms.items()
+    }
+    models["Cm"] = replace(models["Cm"], terms=terms)
+    wild = simulate.free_run(replace(made, aerodynamics=models), cut)
+    assert wild["lost"] == [4, 7]
+    assert wild["channels"] == {}
+
+
 def test_channels_are_those_of_the_interface() -> None:
     assert CHANNELS == ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi")
