@@ -42,6 +42,7 @@ demo: setup
 	@$(BIN)/gcs-sysid suggest --model $(DEMO)/identify --target Cm --out $(DEMO)/suggest
 	@echo "What the simulation gets wrong; the second flight took no part:"
 	@$(BIN)/gcs-sysid diagnose $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
+		--method coefficients \
 		--holdout $(DEMO)/flights/second.tlog --out $(DEMO)/diagnose
 
 flights: setup

@@ -6,7 +6,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
 from gcs_sysid.reconstruct.segments import split
 
+Method = Literal["filter", "coefficients"]
 SHORTEST = 15.0
 """Less flight [s] than this is not diagnosed."""
 ABSOLUTE = {"": 1.0}
@@ -59,6 +60,7 @@ def run(
     progress: Progress,
     columns: Path | None = None,
     can: Path | None = None,
+    method: Method = "coefficients",
 ) -> dict[str, Any]:
     """Diagnoses; writes `diagnosis.json`, `residuals.parquet` and `aircraft-extended.toml`.
 
@@ -74,6 +76,8 @@ def run(
         columns: what the columns of tables are.
         can: a CAN log of the same flight; for a single log. Servos are part of what is tested, so
             surfaces follow commands, whatever the bus measured of them.
+        method: weigh all causes inside the aided filter, or in seconds four of them by what
+            coefficients tell in calm air; these also where a log has no servo positions.
 
     Raises:
         InputError: a log or the simulation cannot be used.
@@ -105,7 +109,9 @@ def run(
         )
         numbered = tuple(replace(item, id=item.id + FLIGHT_IDS * index) for item in one.segments)
         flights.append(replace(one, segments=numbered))
-    document, table, better = _diagnosed(under, flights, progress, apart=holdout is not None)
+    document, table, better = _diagnosed(
+        under, flights, progress, apart=holdout is not None, method=method
+    )
     documents.write_table(out / "residuals.parquet", table)
     aircraft_file.save(better, out / "aircraft-extended.toml")
     document["timing"] = {
@@ -147,7 +153,12 @@ def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tup
 
 
 def _diagnosed(
-    under: Tested, flights: Sequence[Flight], progress: Progress, *, apart: bool
+    under: Tested,
+    flights: Sequence[Flight],
+    progress: Progress,
+    *,
+    apart: bool,
+    method: Method,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray], Aircraft]:
     """The document, the residuals sample by sample, and the extended aircraft."""
     absent = {name for one in flights for name in one.absent}
@@ -166,7 +177,7 @@ def _diagnosed(
     credible = investigation.credible(fit.seen)
     trusted = credible and investigation.trusted(fit.seen)
     notes: tuple[str, ...] = ()
-    if not trusted and all(SERVO_STREAM in one.recording.streams for one in flights):
+    if method == "filter" and all(SERVO_STREAM in one.recording.streams for one in flights):
 
         def told(text: str, share: float) -> None:
             progress(text, READING + (1.0 - READING) * share)
@@ -175,6 +186,8 @@ def _diagnosed(
             return gust_diagnosis.diagnosed(under, aircraft, flights, told, apart=apart)
         except RefusedError as lost:
             notes = (str(lost),)
+    elif method == "filter":
+        notes = ("without servo positions only four causes are weighed, by coefficients",)
     fitted = investigation.investigate(fit.problems, every, fit.maneuvers, coefficients=trusted)
     final = fitted
     if not apart:
@@ -320,8 +333,8 @@ def _warnings(flights: Sequence[Flight], *, credible: bool, trusted: bool) -> li
     elif not trusted:
         listed.append(
             "gusts and no flow vanes: the flow angles are not known well enough for coefficients "
-            "to accuse anybody; only what airspeed and speed over ground say was used. Fly in calm "
-            "air, or with vanes"
+            "to accuse anybody; only what airspeed and speed over ground say was used. Leave "
+            "--method coefficients out, or fly in calm air"
         )
     return list(dict.fromkeys(listed))
 

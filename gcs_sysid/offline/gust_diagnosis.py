@@ -54,7 +54,7 @@ def diagnosed(
     best = answer.best
     gained = found.gained(best.causes)
     answer = verdict.sustained(answer, gained)
-    strained = verdict.strained(found.unknowns.names, found.unknowns.sigma, best)
+    strained = verdict.strained(found.unknowns.names, found.unknowns.of_file, best)
     missing = None
     if answer.answer in ("no_effect", "insufficient_data"):
         missing = found.missing

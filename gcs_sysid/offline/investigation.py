@@ -8,7 +8,7 @@ stays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,7 +100,10 @@ def investigate(
     before = [settled.believed(one, found, vanes=vanes) for one in subjects]
     names = quantities.names(subjects[0].first.means)
     ordinary = beliefs.ordinary(names, found.aircraft, vanes=vanes)
-    listed = unknowns.of_flights(names, ordinary, found.directions, found.sizes, len(flights))
+    usual = unknowns.tolerated(every, found.directions, found.sizes)
+    listed = unknowns.of_flights(
+        names, ordinary, found.directions, usual, found.sizes, len(flights)
+    )
     model = settled.model_of(found)
     steps = len(flights) * (1 + ROUNDS)
     done: list[Settled] = []
@@ -130,7 +133,7 @@ def investigate(
                 _with(own, listed, number, best.causes),
                 trying,
                 start=last,
-                moved=listed.in_flight(number, best.posterior.mean),
+                moved=listed.in_flight(number, listed.alone(best.causes, best.posterior.mean)),
             )
             for number, (one, own, last) in enumerate(zip(subjects, before, done, strict=True))
         ]
@@ -139,7 +142,7 @@ def investigate(
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing = None
     if not ranked[0].causes or ranked[0].log_bayes_factor < NAMED:
-        missing = _missing(model, names, found, before, done, subjects, ranked[0])
+        missing = _missing(model, names, found, usual, before, done, subjects, ranked[0])
     return Investigation(
         quantities=found,
         unknowns=listed,
@@ -174,9 +177,12 @@ def _summed(
 
 
 def _with(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidate]) -> Beliefs:
-    """Beliefs about a flight with causes set free."""
+    """Beliefs about a flight with causes set free.
+
+    What is ordinarily off in servos and the like is weighed, and not looked for: to first order.
+    """
     sigma, mean = listed.freed(causes)
-    quantities_free = sigma[listed.parameters :]
+    quantities_free = listed.alone(causes, sigma)[listed.parameters :]
     places = listed.own[number]
     along = listed.directions[places] * quantities_free
     centre = own.mean + listed.directions[places] @ mean[listed.parameters :]
@@ -187,6 +193,7 @@ def _missing(
     model: FlightModel,
     names: Sequence[str],
     found: Quantities,
+    usual: Mapping[str, float],
     before: Sequence[Beliefs],
     done: Sequence[Settled],
     subjects: Sequence[Subject],
@@ -201,6 +208,7 @@ def _missing(
         (*names, *more),
         np.concatenate([ordinary, np.zeros(len(more))]),
         found.directions,
+        usual,
         found.sizes,
         len(subjects),
     )

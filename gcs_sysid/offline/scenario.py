@@ -10,6 +10,7 @@
     prior = "none"               # by default the aircraft file's aerodynamics
     method = "filter-error"      # by default "equation-error", which takes seconds
     diagnose = ["first"]         # by default those of `identify`
+    diagnosis = "filter"         # by default "coefficients", which takes seconds
     holdout = "second"           # a flight that takes no part in what `diagnose` fits
 
     [identify.derivatives.Cm]    # summary.json
@@ -115,7 +116,7 @@ def plan(expected: Section, logs: Mapping[str, Path], aircraft: Path, out: Path)
         InputError: it names a flight that there is not.
     """
     runs = _section(expected, "runs")
-    runs.allow_only("identify", "prior", "method", "diagnose", "holdout")
+    runs.allow_only("identify", "prior", "method", "diagnose", "diagnosis", "holdout")
     predicted = _section(expected, "predict")
     predicted.allow_only(*logs)
     holdout = runs.text("holdout", allowed=tuple(logs)) if runs.has("holdout") else None
@@ -139,7 +140,10 @@ def plan(expected: Section, logs: Mapping[str, Path], aircraft: Path, out: Path)
         found.append(_run(f"simulate-{name}", "simulate", arguments, simulated.table(name), out))
     if expected.has("diagnose"):
         held = [] if holdout is None else ["--holdout", str(logs[holdout])]
-        arguments = [*_paths(logs, _chosen(runs, "diagnose", logs, fitted)), *about, *held]
+        ways = ("coefficients", "filter")
+        way = ["--method", runs.text("diagnosis", allowed=ways, default="coefficients")]
+        chosen = _chosen(runs, "diagnose", logs, fitted)
+        arguments = [*_paths(logs, chosen), *about, *held, *way]
         found.append(_run("diagnose", "diagnose", arguments, expected.table("diagnose"), out))
     return found
 

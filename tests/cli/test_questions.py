@@ -57,7 +57,7 @@ def test_diagnose(calls, capsys):
     assert named == {
         "aircraft": Path("aircraft.toml"), "model": None, "holdout": Path("other.tlog"),
         "vehicle": None, "segments": None, "columns": Path("map.toml"), "can": None,
-        "out": Path("flight-diagnose"),
+        "method": "filter", "out": Path("flight-diagnose"),
     }  # fmt: skip
     assert capsys.readouterr().out == "diagnose: flight-diagnose/residuals.parquet\n"
 

@@ -39,7 +39,7 @@ def test_runs_are_what_the_file_says(tmp_path):
     assert identify.arguments[:5] == ("one.tlog", "--aircraft", "aircraft.toml", "--prior", "none")
     assert diagnose.arguments == (
         *("one.tlog", "--aircraft", "aircraft.toml", "--holdout", "three.tlog"),
-        *("--out", "out/diagnose"),
+        *("--method", "coefficients", "--out", "out/diagnose"),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -21,6 +22,14 @@ WRITES = ("diagnosis.json", "aircraft-extended.toml", "residuals.parquet", "repo
     type=options.Existing("log"),
     help="Flight to measure the gain on; without one, maneuvers of LOGS that took no part.",
 )
+@click.option(
+    "--method",
+    type=click.Choice(["filter", "coefficients"]),
+    default="filter",
+    show_default=True,
+    help="Weigh all causes inside a filter that knows the gusts (minutes), or four of them by what "
+    "coefficients tell in calm air (seconds).",
+)
 @options.segments
 @options.vehicle
 @options.columns
@@ -33,6 +42,7 @@ def command(
     aircraft: Path | None,
     model: Path | None,
     holdout: Path | None,
+    method: Literal["filter", "coefficients"],
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
@@ -42,8 +52,8 @@ def command(
 ) -> None:
     """Name the cause of what a simulation gets wrong in LOGS.
 
-    Weighs mass, centre of gravity, airspeed scale and surface effectiveness, alone and in pairs,
-    against nothing being wrong; writes the aircraft file with the cause put right and the gain on
+    Weighs 28 causes in aircraft, servos, sensors and propulsion, alone and together, against
+    nothing being wrong; writes the aircraft file with the cause put right and the gain on
     maneuvers that took no part.
     """
     from gcs_sysid.offline import diagnose
@@ -59,6 +69,7 @@ def command(
             aircraft=aircraft,
             model=model,
             holdout=holdout,
+            method=method,
             vehicle=vehicle,
             segments=segments,
             columns=columns,

@@ -2,7 +2,9 @@
 
 First come the parameters of the flight model, with what they ordinarily are off by; those that
 belong to one flight, such as the bias of its accelerometer, once for each. Behind them stand the
-quantities that causes set free, in their own units: directions in the same parameters.
+quantities that causes set free, in their own units: directions in the same parameters. They too are
+ordinarily off by a little, since no file is exact: a calm flight shows servos that lag by two
+milliseconds more than it says, which is no cause of anything.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.diagnose.extended import Direction
 
+TOLERATED = 0.05
+"""Of the size of a cause that matters: one ordinary standard deviation of what it sets free."""
 OWN = ("sensors.gyro_bias", "sensors.accelerometer_bias")
 """What belongs to one flight."""
 
@@ -27,7 +31,7 @@ class Unknowns:
 
     Attributes:
         names: of the unknowns.
-        sigma: ordinary standard deviation of each; 0 for quantities of causes.
+        sigma: ordinary standard deviation of each.
         own: for each flight, where the model's parameters stand.
         parameters: how many unknowns are parameters of the model.
         directions: of the quantities, in the parameters.
@@ -50,6 +54,19 @@ class Unknowns:
                 sigma[index] = parameter.sigma * self.sizes[parameter.per]
                 mean[index] = parameter.expected
         return sigma, mean
+
+    def alone(
+        self, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]
+    ) -> Float[np.ndarray, " unknown"]:
+        """The values, 0 for quantities that these causes do not free."""
+        freed = {name for candidate in causes for name in candidate.frees}
+        kept = [index < self.parameters or name in freed for index, name in enumerate(self.names)]
+        return np.where(kept, values, 0.0)
+
+    @property
+    def of_file(self) -> Float[np.ndarray, " unknown"]:
+        """Ordinary standard deviation of what the model has as parameters; 0 for quantities."""
+        return self.alone((), self.sigma)
 
     def along(
         self, name: str, mean: Float[np.ndarray, " unknown"], covariance: np.ndarray
@@ -81,6 +98,7 @@ def of_flights(
     names: Sequence[str],
     ordinary: Float[np.ndarray, " parameter"],
     quantities: Mapping[str, Direction],
+    usual: Mapping[str, float],
     sizes: Mapping[str, float],
     flights: int,
 ) -> Unknowns:
@@ -90,6 +108,7 @@ def of_flights(
         names: of the model's parameters.
         ordinary: standard deviation of each.
         quantities: what causes set free.
+        usual: ordinary standard deviation of each quantity.
         sizes: what a cause's shares refer to.
         flights: how many.
     """
@@ -111,12 +130,23 @@ def of_flights(
                 directions[places[index], column] = weight
     return Unknowns(
         (*listed, *quantities),
-        np.concatenate([sigma, np.zeros(len(quantities))]),
+        np.concatenate([sigma, [usual[name] for name in quantities]]),
         own,
         len(listed),
         directions,
         sizes,
     )
+
+
+def tolerated(
+    candidates: Sequence[Candidate], quantities: Mapping[str, Direction], sizes: Mapping[str, float]
+) -> dict[str, float]:
+    """Ordinary standard deviation of every quantity, 0 of those that no candidate frees."""
+    found = dict.fromkeys(quantities, 0.0)
+    for candidate in candidates:
+        for name, parameter in zip(candidate.frees, candidate.cause.parameters, strict=True):
+            found[name] = TOLERATED * parameter.matters * sizes[parameter.per]
+    return found
 
 
 def _owned(name: str) -> bool:

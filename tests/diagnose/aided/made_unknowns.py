@@ -16,11 +16,12 @@ QUANTITIES = {
     "cg.x": {"departures.cg": 0.2},
     "airspeed": {"departures.mass": 0.5, "aerodynamics.CZ.alpha": 1.0},
 }
+USUAL = dict.fromkeys(QUANTITIES, 0.0)
 EVERY = tuple(Candidate(CAUSES[name]) for name in ("mass", "cg_shift", "airspeed_scale"))
 
 
 def listed(flights: int = 1) -> unknowns.Unknowns:
-    return unknowns.of_flights(PARAMETERS, ORDINARY, QUANTITIES, {"": 1.0}, flights)
+    return unknowns.of_flights(PARAMETERS, ORDINARY, QUANTITIES, USUAL, {"": 1.0}, flights)
 
 
 def told(truth: dict[str, float], *, alike: bool = False, clear: float = 30.0) -> Information:

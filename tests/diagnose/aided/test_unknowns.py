@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_sysid.diagnose.aided import unlisted
+from gcs_sysid.diagnose.aided import unknowns, unlisted
 from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
 from gcs_sysid.diagnose.evidence import information, posterior
 from gcs_sysid.diagnose.unlisted import PRIOR
 from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
-from tests.diagnose.aided.made_unknowns import ORDINARY, PARAMETERS, QUANTITIES, listed
+from tests.diagnose.aided.made_unknowns import (
+    EVERY,
+    ORDINARY,
+    PARAMETERS,
+    QUANTITIES,
+    USUAL,
+    listed,
+)
 
 
 def test_flights_share_the_aircraft_and_own_their_gyros() -> None:
@@ -54,6 +61,20 @@ def test_a_quantity_moves_the_parameters_of_every_flight() -> None:
     assert deviation == pytest.approx(np.hypot(1.0, 1.0 / 0.2))
 
 
+def test_what_causes_free_is_ordinarily_off_by_a_twentieth_of_what_matters() -> None:
+    usual = unknowns.tolerated(EVERY, {**QUANTITIES, "lag.rudder": {}}, {"": 1.0})
+    matters = {"mass": 0.06, "cg.x": 0.03, "airspeed": 0.03}
+    assert usual == pytest.approx(
+        {name: 0.05 * size for name, size in matters.items()} | {"lag.rudder": 0.0}
+    )
+    two = of_flights(PARAMETERS, ORDINARY, QUANTITIES, {**usual}, {"": 1.0}, 2)
+    np.testing.assert_allclose(two.sigma[5:], [usual[name] for name in QUANTITIES])
+    np.testing.assert_array_equal(two.of_file[5:], 0.0)
+    sigma, _ = two.freed(EVERY[:1])
+    assert sigma[5] > usual["mass"]
+    np.testing.assert_array_equal(two.alone(EVERY[:1], sigma)[6:], 0.0)
+
+
 def test_a_missing_term_is_found_by_its_evidence() -> None:
     """The gain of one more unknown is the difference of two full evidences."""
     terms = unlisted_terms(())[:2]
@@ -62,6 +83,7 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
         (*PARAMETERS, *names),
         np.concatenate([ORDINARY, np.zeros(len(names))]),
         QUANTITIES,
+        USUAL,
         {"": 1.0},
         1,
     )
