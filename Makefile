@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-causes bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -80,6 +80,10 @@ bench-maneuvers: setup
 # Flights in which something is hidden, diagnosed by a program that is not told what: a dozen.
 blind: setup
 	@$(BIN)/python -m tests.blind.campaign --dozen --again --out out/blind
+
+# What `diagnose` names in the scenarios of replay/: minutes each, finished ones are not repeated.
+bench-causes: setup
+	@$(BIN)/python tests/benchmarks/causes.py $(BENCH)
 
 # Hundreds; finished ones are not repeated: BENCH="--count 200 --start 0 --cause none" for a part.
 campaign: setup
