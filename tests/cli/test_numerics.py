@@ -95,3 +95,40 @@ def test_the_choice_is_made_before_linear_algebra_is_loaded():
     )
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=60)
+
+
+FAULTS = """
+import resource
+import numpy as np
+from gcs_sysid.cli import numerics
+if KEPT:
+    numerics.keep_freed_memory()
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(20):
+        [np.ones(1 << 20) for _ in range(8)]  # of eight megabytes each, dropped
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+faults()
+print(faults())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
+def test_freed_memory_is_kept():
+    """Pages of blocks of megabytes come once and not every time."""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", FAULTS.replace("KEPT", kept)],
+            capture_output=True, text=True, timeout=60, check=True,
+        ).stdout
+        for kept in ("True", "False")
+    ]  # fmt: skip
+    assert int(found[0]) < 0.1 * int(found[1])
+
+
+def test_without_that_library_nothing_changes(monkeypatch):
+    def absent(name):
+        raise OSError(name)
+
+    monkeypatch.setattr(numerics.ctypes, "CDLL", absent)
+    numerics.keep_freed_memory()
