@@ -90,7 +90,8 @@ def investigate(
         held_out: maneuvers that take none.
         progress: told what is being done.
     """
-    found = quantities.build(aircraft, settled.flown(flights, aircraft))
+    flown, reached = settled.flown(flights, aircraft), dict[str, float]()
+    found = quantities.build(aircraft, flown)
     every = quantities.candidates(CAUSES, found)
     subjects = [
         settled.prepare(one, found, held_out, apart=not part)
@@ -118,8 +119,13 @@ def investigate(
     tested: list[tuple[Candidate, ...]] = [()]
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
-        if best.causes in tested:
+        sizes = quantities.servo_sizes(_freed(listed, best), reached)
+        if best.causes in tested and sizes is None:
             break
+        if sizes is not None:
+            reached = sizes
+            found = quantities.build(aircraft, flown, reached)
+            subjects = [settled.with_servos(one, found) for one in subjects]
         tested.append(best.causes)
         words = " and ".join(candidate.label for candidate in best.causes)
 
@@ -174,6 +180,16 @@ def _summed(
     for more, others in parts[1:]:
         fitted, apart = fitted.plus(more), apart.plus(others)
     return fitted, apart
+
+
+def _freed(listed: Unknowns, best: Ranked) -> dict[str, float]:
+    """Values of the quantities that causes free."""
+    values = best.posterior.mean
+    return {
+        name: float(values[listed.names.index(name)])
+        for candidate in best.causes
+        for name in candidate.frees
+    }
 
 
 def _with(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidate]) -> Beliefs:

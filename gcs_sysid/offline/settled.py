@@ -105,6 +105,13 @@ def prepare(one: Flight, found: Quantities, held_out: Sequence[int], *, apart: b
     return Subject(one, rows, first._replace(means=means), fitted)
 
 
+def with_servos(subject: Subject, found: Quantities) -> Subject:
+    """The flight with what other sizes of lag and play do to its controls."""
+    one = subject.one
+    rows = aided_flight.prepare(one.recording, found.aircraft, one.reconstruction, found.servos)
+    return replace(subject, rows=rows)
+
+
 def model_of(found: Quantities) -> FlightModel:
     """The aircraft with all terms, as the filter looks it up."""
     return FlightModel(found.aircraft)

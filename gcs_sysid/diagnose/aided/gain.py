@@ -2,7 +2,8 @@
 
 log p(apart | fitted, hypothesis) = log p(apart and fitted) − log p(fitted): how probable what took
 no part is to one who knows what the fitted flights say, each hypothesis with all its uncertainty.
-No fit to what took no part comes into it.
+No fit to what took no part comes into it. What no cause frees stays as the file has it: left to
+small ordinary errors, nothing being wrong would learn from a flight what is.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ def foretold(
 ) -> float:
     """Log predictive density of what took no part [nat], relative to the file taken as exact."""
     sigma, mean = unknowns.freed(causes)
+    sigma = unknowns.alone(causes, sigma)
     both = posterior(fitted.plus(apart), sigma, mean).log_evidence
     return both - posterior(fitted, sigma, mean).log_evidence
 

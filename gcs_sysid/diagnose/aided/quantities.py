@@ -26,8 +26,12 @@ from gcs_sysid.model.aided import Means
 
 WASH = 4.0
 """Share of effectiveness that a unit of thrust coefficient adds at a gain of 1."""
-LAG, BACKLASH = 0.1, 0.025
-"""Sizes [s, rad] at which the effect of a lag or of play is taken: of the kind that matters."""
+SERVO = {"lag": 0.1, "backlash": 0.025}
+"""Sizes [s, rad] at which the effect of a lag or of play is first taken: those that matter."""
+LEAST = 0.2
+"""Share of these below which a servo's change is as good as a line."""
+NEARLY = 0.1
+"""Share within which the size at which a servo's change was taken is right."""
 KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
@@ -115,8 +119,18 @@ class _Terms:
         return replace(self.aircraft, aerodynamics=models)
 
 
-def build(aircraft: Aircraft, flown: Flown) -> Quantities:
-    """Every quantity that an aircraft and a flight give sense to."""
+def build(
+    aircraft: Aircraft, flown: Flown, reached: Mapping[str, float] | None = None
+) -> Quantities:
+    """Every quantity that an aircraft and a flight give sense to.
+
+    Args:
+        aircraft: the simulation.
+        flown: what of the flights counts.
+        reached: lags and play that are about right, by quantity: what they do is no line, and is
+            taken where they are.
+    """
+    known = reached or {}
     terms = _Terms(aircraft)
     found: dict[str, Direction] = {
         "mass": {"departures.mass": 1.0},
@@ -160,9 +174,13 @@ def build(aircraft: Aircraft, flown: Flown) -> Quantities:
             f"aerodynamics.{coefficient}.{key}": value for coefficient, key, value in own
         }
         found[f"aeroelastic.{control}"] = _aeroelastic(terms, own, flown.qbar)
+        lag, play = (
+            max(known.get(f"{kind}.{control}", usual), LEAST * usual)
+            for kind, usual in SERVO.items()
+        )
         kinds = {
-            "lag": (servo_changes.lag(LAG), LAG),
-            "backlash": (servo_changes.backlash(BACKLASH), BACKLASH),
+            "lag": (servo_changes.lag(lag), lag),
+            "backlash": (servo_changes.backlash(play), play),
             **{
                 f"rate_limit.{{}}.{share:.4g}": (
                     servo_changes.rate_limit(share * max(flown.rates[control], 1e-3)),
@@ -197,6 +215,30 @@ def build(aircraft: Aircraft, flown: Flown) -> Quantities:
         **{f"rate of {name}": value for name, value in flown.rates.items()},
     }
     return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has))
+
+
+def servo_sizes(
+    values: Mapping[str, float], before: Mapping[str, float]
+) -> dict[str, float] | None:
+    """Lags and play among values of quantities, where they are not what was reckoned with.
+
+    Args:
+        values: by name.
+        before: what was reckoned with.
+
+    Returns:
+        What to reckon with, as `reached` of `build`; None if what it was is near enough.
+    """
+    wanted = {
+        name: max(value, LEAST * SERVO[name.partition(".")[0]])
+        for name, value in values.items()
+        if name.partition(".")[0] in SERVO
+    }
+    near = all(
+        abs(size - before.get(name, SERVO[name.partition(".")[0]])) < NEARLY * size
+        for name, size in wanted.items()
+    )
+    return None if near else {**before, **wanted}
 
 
 def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:
