@@ -49,11 +49,18 @@ SETBACK = 300.0
 MOST_SETBACKS, SHORTENED = 3, 0.3
 QUIET = 100.0
 """Where the intensities gained more than this, the slope has changed by them [nat]."""
-MOST_CURVED = 5.0
-"""A slope that changed by more than so many times what was expected is not believed."""
-ENOUGH, GROWN = 2.0, 10.0
+CALM = 20.0
+"""Where they gained more than this, a slope that changed less than was expected may have done so by
+them."""
+HALF = 0.5
+"""Share of what was expected that a change counts as at least: no step more than doubles."""
+LEAST_CURVED, MOST_CURVED = 0.1, 5.0
+"""A slope that changed by less or more than so many times what was expected is not believed."""
+ENOUGH, ROUGHLY = (0.3, 2.0), (2.0, 10.0)
 """A turn that would gain less than the one, of mean and intensities together, and has gained less
-than the other over the best before, ends the search [nat]."""
+than the other over the best before, ends the search [nat]. Where the gains take most of the
+information away, two nats more to gain were three deviations of a roll derivative; `ROUGHLY` is
+for those who look farther from there by linear algebra."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +108,7 @@ def settle(
     progress: Callable[[str], None],
     *,
     near: bool = False,
+    enough: tuple[float, float] = ENOUGH,
 ) -> Settled:
     """Settles a flight.
 
@@ -112,6 +120,7 @@ def settle(
         counts: rows from which the parameters of the mean are taken.
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
+        enough: what ends the search.
     """
     if not near:
         part, every = flight, counts
@@ -119,11 +128,13 @@ def settle(
             begin = busiest(flight, STRETCH)
             part, every = cut(flight, begin), counts[begin]
         first = _neared(model, part, first, beliefs, every, progress)
-        begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress, oriented=True)
+        begun = _turns(
+            model, part, first, beliefs, every, FIRST_TURNS, enough, progress, oriented=True
+        )
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
-    return _turns(model, flight, first, beliefs, counts, TURNS, progress, oriented=False)
+    return _turns(model, flight, first, beliefs, counts, TURNS, enough, progress, oriented=False)
 
 
 def _neared(
@@ -170,6 +181,7 @@ def _turns(
     beliefs: Beliefs,
     counts: Bool[np.ndarray, " sample"],
     turns: int,
+    enough: tuple[float, float],
     progress: Callable[[str], None],
     *,
     oriented: bool,
@@ -199,7 +211,7 @@ def _turns(
         if density > best.density:
             best = _Turn(density, values, search.log_noise, path)
         move, gain, before = _newton(done, beliefs, values, before)
-        if gain + search.gained < ENOUGH and grown < GROWN:
+        if gain + search.gained < enough[0] and grown < enough[1]:
             ended = True
             break
         values = values + move
@@ -210,6 +222,8 @@ def _turns(
         search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
         if search.gained > QUIET:
             before = None
+        elif search.gained > CALM:
+            before = before._replace(least=1.0)
     # The last move has not been looked at: it stays if it did no harm.
     means = _means(first.means, values)
     last = causal.passed(model, means, search.log_noise, path, counts)
@@ -231,10 +245,14 @@ class _Turn(NamedTuple):
 
 
 class _Slope(NamedTuple):
-    """Where the posterior's slope was taken, in units of the prior's root R: θ = m + R ε."""
+    """Where the posterior's slope was taken, in units of the prior's root R: θ = m + R ε.
+
+    A change since then is believed if it is at least `least` of what was expected.
+    """
 
     at: Float[np.ndarray, " unit"]
     slope: Float[np.ndarray, " unit"]
+    least: float = LEAST_CURVED
 
 
 def _newton(
@@ -248,8 +266,9 @@ def _newton(
 
     In units of the prior's root, so that what is held stays. The gains' own part in how the score
     changes is missing in the information; along a constant sideslip, which a constant wind makes up
-    for, it doubles it, and the step would swing from side to side. One update by how the slope has
-    changed since the turn before ends that, where it has changed by more than was expected.
+    for, it doubles it, and the step would swing from side to side; along all that makes the
+    response in roll quicker it takes most of it away, and steps would be a fifth of what is
+    missing. One update by how the slope has changed since the turn before ends both.
     """
     root = _root(beliefs.covariance)
     matrix, score, _ = done.told
@@ -259,8 +278,8 @@ def _newton(
     if before is not None:
         step, change = at - before.at, before.slope - slope
         expected = step @ inner @ step
-        if expected < step @ change < MOST_CURVED * expected:
-            inner = quasi_newton.updated(inner, step, change)
+        if before.least * expected < step @ change < MOST_CURVED * expected:
+            inner = quasi_newton.updated(inner, step, change, least=HALF)
     damped = inner + damping * np.diag(np.diagonal(inner))
     move = root @ np.linalg.solve(damped, slope)
     return move, 0.5 * float(move @ matrix @ move), _Slope(at, slope)

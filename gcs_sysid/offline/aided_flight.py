@@ -28,7 +28,11 @@ HOLE = 1.5
 LONGEST_STEP = 0.034
 """Of one row [s]: two thirds of the roll mode's time constant of a small aircraft."""
 SLOPE_STEP = 2e-3
-"""Shift [s] of the surfaces from which their change with delay is taken."""
+"""Shift [s] of the surfaces from which their change with delay is taken: into the past only. What
+an autopilot commands at a sample answers the noise of that very sample; in the sensitivities it
+would make noise tell of the surfaces, and feign a delay of a millisecond."""
+HAIR = 1e-6
+"""A step ends so much [s] before what is commanded at its end."""
 ROTATION_TIME = 0.25
 """One standard deviation of the logarithm of the specification's correlation times: what turns the
 air for seconds is an error of the model."""
@@ -78,7 +82,7 @@ def prepare(
     kept, time = _without_holes(states.time)
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
-    moments = np.stack([before, 0.5 * (before + time), time], axis=1)
+    moments = np.stack([before, 0.5 * (before + time), time - HAIR], axis=1)
     told = SERVO_STREAM in recording.streams
 
     def moved(one: Aircraft, late: float = 0.0) -> Float[np.ndarray, "row three control"]:
@@ -87,7 +91,7 @@ def prepare(
         return _controls(recording, one, moments, late)
 
     controls = moved(aircraft)
-    slopes = (moved(aircraft, SLOPE_STEP) - moved(aircraft, -SLOPE_STEP)) / (2.0 * SLOPE_STEP)
+    slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
     changes = [(moved(other) - controls) / size for other, size in others]
     rows = Row(
         step=np.diff(time, prepend=time[:1]),

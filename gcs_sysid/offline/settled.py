@@ -167,7 +167,16 @@ def settle(
     if rows.rows.step.shape[0] > LONGEST:
         begin = flight_rows.busiest(rows, LONGEST)
         rows, fitted = flight_rows.cut(rows, begin), fitted[begin]
-    done = settling.settle(model, rows, first, before, fitted, progress, near=start is not None)
+    done = settling.settle(
+        model,
+        rows,
+        first,
+        before,
+        fitted,
+        progress,
+        near=start is not None,
+        enough=settling.ROUGHLY,
+    )
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise RefusedError(
             subject.one.recording.source,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gcs_sysid.estimate import quasi_newton
 
@@ -29,3 +30,13 @@ def test_conjugate_steps_learn_the_whole_of_a_quadratic() -> None:
 def test_a_step_along_which_the_slope_fell_tells_nothing() -> None:
     step = RANDOM.standard_normal(4)
     np.testing.assert_array_equal(quasi_newton.updated(TRUE, step, -TRUE @ step), TRUE)
+
+
+def test_a_damped_update_at_most_doubles_a_step() -> None:
+    step = RANDOM.standard_normal(4)
+    found = quasi_newton.updated(TRUE, step, 0.2 * TRUE @ step, least=0.5)
+    assert step @ found @ step == pytest.approx(0.5 * step @ TRUE @ step)
+    assert np.linalg.eigvalsh(found)[0] > 0.0
+    np.testing.assert_allclose(
+        quasi_newton.updated(TRUE, step, 0.7 * TRUE @ step, least=0.5) @ step, 0.7 * TRUE @ step
+    )
