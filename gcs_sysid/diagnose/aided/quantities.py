@@ -30,8 +30,9 @@ SERVO = {"lag": 0.1, "backlash": 0.025}
 """Sizes [s, rad] at which the effect of a lag or of play is first taken: those that matter."""
 LEAST = 0.2
 """Share of these below which a servo's change is as good as a line."""
-NEARLY = 0.1
-"""Share within which the size at which a servo's change was taken is right."""
+NEARLY, GROWS = 0.02, 4.0
+"""Share within which the size at which a servo's change was taken is right; power by which it is
+moved otherwise."""
 KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
@@ -222,6 +223,9 @@ def servo_sizes(
 ) -> dict[str, float] | None:
     """Lags and play among values of quantities, where they are not what was reckoned with.
 
+    What they do grows by less than they do: inputs faster than a lag hardly feel that it is longer
+    still. Where more was found than was reckoned with, there is more yet.
+
     Args:
         values: by name.
         before: what was reckoned with.
@@ -229,16 +233,16 @@ def servo_sizes(
     Returns:
         What to reckon with, as `reached` of `build`; None if what it was is near enough.
     """
-    wanted = {
-        name: max(value, LEAST * SERVO[name.partition(".")[0]])
-        for name, value in values.items()
-        if name.partition(".")[0] in SERVO
-    }
-    near = all(
-        abs(size - before.get(name, SERVO[name.partition(".")[0]])) < NEARLY * size
-        for name, size in wanted.items()
-    )
-    return None if near else {**before, **wanted}
+    wanted = {}
+    for name, value in values.items():
+        usual = SERVO.get(name.partition(".")[0])
+        if usual is None:
+            continue
+        known = before.get(name, usual)
+        share = max(value, LEAST * usual) / known
+        if abs(share - 1.0) > NEARLY:
+            wanted[name] = known * min(max(share**GROWS, 0.25), 2.0)
+    return {**before, **wanted} if wanted else None
 
 
 def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:

@@ -36,7 +36,9 @@ def aircraft(request) -> Aircraft:
     return aircraft_file.load(DATA / f"{request.param}.toml")
 
 
-def built(aircraft: Aircraft, *, low: bool = True) -> Quantities:
+def built(
+    aircraft: Aircraft, *, low: bool = True, reached: dict[str, float] | None = None
+) -> Quantities:
     rates = dict.fromkeys(aircraft.control_names, 2.0)
     lowest = 0.1 if low else 5.0
     streams = {
@@ -47,7 +49,8 @@ def built(aircraft: Aircraft, *, low: bool = True) -> Quantities:
     }
     if aircraft.vanes is not None:
         streams["vanes"] = "AOA_SSA"
-    return quantities.build(aircraft, Flown(np.linspace(150.0, 350.0, 50), lowest, rates, streams))
+    flown = Flown(np.linspace(150.0, 350.0, 50), lowest, rates, streams)
+    return quantities.build(aircraft, flown, reached)
 
 
 def means(found: Quantities) -> Means:
@@ -251,3 +254,22 @@ def test_the_ground_lifts_by_its_influence(aircraft) -> None:
         wing = terms["1"].value + 0.05 * terms["alpha"].value
         share = float(quantities.influence(np.array([height]))[0])
         assert near - plain == pytest.approx(0.3 * share * wing, abs=0.3 * 0.05 * abs(wing))
+
+
+def test_lags_are_taken_where_they_are_and_more_is_looked_for_where_more_was_found() -> None:
+    assert quantities.servo_sizes({"mass": 1.0}, {}) is None
+    assert quantities.servo_sizes({"lag.elevator": 0.101}, {}) is None
+    first = quantities.servo_sizes({"lag.elevator": 0.11}, {})
+    assert first == pytest.approx({"lag.elevator": 0.1 * 1.1**4})
+    assert quantities.servo_sizes({"lag.elevator": 0.147}, first or {}) is None
+    twice = quantities.servo_sizes({"backlash.rudder": 0.1}, first or {})
+    assert twice == pytest.approx({**(first or {}), "backlash.rudder": 0.05})
+
+
+def test_a_lag_reckoned_with_is_the_change_of_an_aircraft_with_that_lag() -> None:
+    aircraft = aircraft_file.load(DATA / "ultra_stick_25e.toml")
+    usual, longer = built(aircraft), built(aircraft, reached={"lag.elevator": 0.2})
+    names = [name for name in usual.directions if name.startswith("lag.")]
+    assert names == [name for name in longer.directions if name.startswith("lag.")]
+    sizes = {size for _, size in longer.servos} - {size for _, size in usual.servos}
+    assert sizes == {0.2}
