@@ -129,6 +129,8 @@ def free_run(aircraft: Aircraft, whole: Windows) -> dict[str, Any]:
 
     A maneuver that the simulation cannot fly to its end is `lost`, and scored in none.
     """
+    if whole.piece.size == 0:
+        return {"count": 0, "lost": [], "longest_s": 0.0, "channels": {}}
     value = windows.fly_freely(aircraft, whole)
     seen = np.isfinite(whole.measured)
     ended = np.isfinite(np.where(seen, value, 0.0)).all(axis=(1, 2))

@@ -25,7 +25,9 @@ from gcs_sysid.offline import flight as flights
 from gcs_sysid.offline.flight import Flight
 
 LENGTH = 3.0
-"""Length of a window [s]."""
+"""Length of a short window [s]."""
+FREE = 30.0
+"""Longest part of a maneuver [s] that is flown freely, from its beginning."""
 STEP = 0.01
 """Step of the integration [s]: a quarter of the roll mode of a small aircraft."""
 SHARE = 1e-3
@@ -77,8 +79,11 @@ def cut(flight: Flight, aircraft: Aircraft) -> Windows:
 
 
 def whole(flight: Flight, aircraft: Aircraft) -> Windows:
-    """Every maneuver without holes in the telemetry, each one window."""
-    spans = [(segment.start, segment.end, segment.id) for segment in flight.segments]
+    """Every maneuver without holes in the telemetry, each one window of `FREE` at most."""
+    spans = [
+        (segment.start, min(segment.end, segment.start + FREE), segment.id)
+        for segment in flight.segments
+    ]
     return _cut(flight, aircraft, spans)
 
 

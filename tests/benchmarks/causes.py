@@ -35,7 +35,7 @@ def scenarios() -> dict[str, dict[str, Any]]:
 
 def diagnosed(name: str, scenario: dict[str, Any], out: Path) -> dict[str, Any]:
     """What `diagnose` says of a scenario's first flight, its second taking no part."""
-    kept = out / "diagnosis.json"
+    kept = out / "diagnose" / "diagnosis.json"
     if not kept.exists():
         flights = out / "flights"
         _program("sitl", "--scenario", REPLAY / name / "scenario.toml", "--out", flights)
@@ -43,13 +43,13 @@ def diagnosed(name: str, scenario: dict[str, Any], out: Path) -> dict[str, Any]:
         names = [item["name"] for item in scenario["flights"]]
         held = ["--holdout", flights / f"{names[1]}.tlog"] if len(names) > 1 else []
         log = flights / f"{names[0]}.tlog"
-        _program("diagnose", log, "--aircraft", aircraft, *held, "--out", out)
+        _program("diagnose", log, "--aircraft", aircraft, *held, "--out", kept.parent)
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
 def _program(*arguments: object) -> None:
     words = [sys.executable, "-m", "gcs_sysid", *map(str, arguments)]
-    subprocess.run(words, check=True, capture_output=True)
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
 
 
 def hidden(scenario: dict[str, Any]) -> tuple[str, ...]:

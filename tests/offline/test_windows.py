@@ -149,6 +149,8 @@ def test_whole_maneuvers_end_where_they_were_flown_and_those_lost_are_told(flown
     wild = simulate.free_run(replace(made, aerodynamics=models), cut)
     assert wild["lost"] == [4, 7]
     assert wild["channels"] == {}
+    nothing = cut._replace(piece=np.zeros(0, dtype=int))
+    assert simulate.free_run(made, nothing)["count"] == 0
 
 
 def test_channels_are_those_of_the_interface() -> None:
