@@ -52,7 +52,8 @@ def keep_freed_memory() -> None:
     """Tells the C library to keep large blocks that were freed, where it is glibc.
 
     A filter over a whole flight makes arrays of ten megabytes and drops them, hundreds of times;
-    given back to the system, each comes anew page by page (a fifth of the time of a fit).
+    given back to the system, each comes anew page by page: sensitivities of 2000 rows took 57 ms
+    instead of 20, changes of a filter 44 instead of 29.
     """
     try:
         library = ctypes.CDLL("libc.so.6")

@@ -308,8 +308,8 @@ def _mechanics(
 def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearised) -> Noise:
     """Gradient with respect to intensities, from that with respect to every row's matrices.
 
-    By hand as far as the few matrices that all rows share: what `_every` makes of them row by row
-    would otherwise be kept, and taken through for every row, three times as slow.
+    By hand as far as the few matrices that all rows share: taken through `_every` by the machine it
+    takes nearly twice as long (114 ms for 2000 rows instead of 68).
     """
     driven, pull_back = jax.vjp(_driven, log_noise)
     unit = jnp.eye(aided.SIZE)

@@ -58,9 +58,9 @@ def run(
     segments: Path | None,
     out: Path,
     progress: Progress,
+    method: Method,
     columns: Path | None = None,
     can: Path | None = None,
-    method: Method = "coefficients",
 ) -> dict[str, Any]:
     """Diagnoses; writes `diagnosis.json`, `residuals.parquet` and `aircraft-extended.toml`.
 
@@ -73,11 +73,11 @@ def run(
         segments: maneuvers to use; for a single log.
         out: directory for the results.
         progress: told what is being done.
+        method: weigh all causes inside the aided filter, or in seconds four of them by what
+            coefficients tell in calm air; these also where a log has no servo positions.
         columns: what the columns of tables are.
         can: a CAN log of the same flight; for a single log. Servos are part of what is tested, so
             surfaces follow commands, whatever the bus measured of them.
-        method: weigh all causes inside the aided filter, or in seconds four of them by what
-            coefficients tell in calm air; these also where a log has no servo positions.
 
     Raises:
         InputError: a log or the simulation cannot be used.

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import COEFFICIENTS, MOMENTS, Aircraft
+from gcs_sysid.diagnose.investigation import GUSTY
 from gcs_sysid.offline import envelope
 from gcs_sysid.offline.modes import AXES, axes_of, modes
 from gcs_sysid.offline.requirements import Requirements, rate_in_flight
@@ -28,8 +29,6 @@ from gcs_sysid.reconstruct.measurements import GYRO_STREAMS
 from gcs_sysid.reconstruct.segments import INPUTS, Segment
 from gcs_sysid.recording import Recording
 
-GUSTY = 0.03
-"""Gust over airspeed (rad of flow angle) from which slopes suffer without vanes."""
 LOAD_PER_RADIAN = 10.0
 """Load factor per radian of angle of attack; 6 to 14 over the aircraft at hand."""
 COARSE = 10.0

@@ -59,7 +59,7 @@ def main() -> None:
             print(*rows[-1], file=sys.stderr)
     table.show(
         "diagnose",
-        "What is named in flights of a minute and a half with one thing hidden (calm, vanes)",
+        "Named by coefficients in a minute and a half with one thing hidden (calm, vanes)",
         ("hidden", "verdict", "named", "size, one sd", "log Bayes factor of the best"),
         rows,
     )

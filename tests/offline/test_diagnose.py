@@ -77,6 +77,7 @@ def diagnosed(folder: Path, name: str, effects: list[dict], seed: int) -> dict:
         segments=None,
         out=folder / name,
         progress=silent,
+        method="coefficients",
     )
 
 
@@ -204,4 +205,5 @@ def test_several_flights_need_no_segments_file(tmp_path) -> None:
             segments=log,
             out=tmp_path,
             progress=silent,
+            method="coefficients",
         )
