@@ -145,6 +145,7 @@ def investigate(
         ]
         information, apart = _summed(listed, before, done)
         ranked = rank(information, listed, every)
+    ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing = None
     if not ranked[0].causes or ranked[0].log_bayes_factor < NAMED:
@@ -180,6 +181,25 @@ def _summed(
     for more, others in parts[1:]:
         fitted, apart = fitted.plus(more), apart.plus(others)
     return fitted, apart
+
+
+def _doubted(one: Ranked, reached: Mapping[str, float]) -> Ranked:
+    """As sure of lag and play as the size allows at which their change was taken."""
+    estimates = tuple(
+        tuple(
+            replace(
+                item,
+                deviation=float(
+                    np.hypot(item.deviation, quantities.servo_doubt(name, item.value, reached))
+                ),
+            )
+            for name, item in zip(candidate.frees, found, strict=True)
+        )
+        if len(candidate.frees) == len(found)
+        else found
+        for candidate, found in zip(one.causes, one.estimates, strict=True)
+    )
+    return replace(one, estimates=estimates)
 
 
 def _freed(listed: Unknowns, best: Ranked) -> dict[str, float]:

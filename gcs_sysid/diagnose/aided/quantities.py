@@ -245,6 +245,20 @@ def servo_sizes(
     return {**before, **wanted} if wanted else None
 
 
+def servo_doubt(name: str, value: float, reached: Mapping[str, float]) -> float:
+    """How far a lag or play may be off since its change was taken at another size; else 0.
+
+    Args:
+        name: of the quantity.
+        value: found.
+        reached: what was reckoned with.
+    """
+    usual = SERVO.get(name.partition(".")[0])
+    if usual is None:
+        return 0.0
+    return min(abs(value - reached.get(name, usual)), abs(value))
+
+
 def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:
     """The control with the greatest slope in a coefficient."""
     sizes = {

@@ -273,3 +273,10 @@ def test_a_lag_reckoned_with_is_the_change_of_an_aircraft_with_that_lag() -> Non
     assert names == [name for name in longer.directions if name.startswith("lag.")]
     sizes = {size for _, size in longer.servos} - {size for _, size in usual.servos}
     assert sizes == {0.2}
+
+
+def test_a_lag_found_away_from_where_it_was_taken_is_less_sure() -> None:
+    reached = {"lag.elevator": 0.16}
+    assert quantities.servo_doubt("lag.elevator", 0.142, reached) == pytest.approx(0.018)
+    assert quantities.servo_doubt("lag.rudder", 0.002, reached) == pytest.approx(0.002)
+    assert quantities.servo_doubt("mass", 1.1, reached) == 0.0
