@@ -2,12 +2,11 @@
 
 The innovations of the aided filter are independent of the past if the model is right (Maine &
 Iliff, NASA RP-1138, 1985; Jategaonkar, *Flight Vehicle System Identification*, 2nd ed. 2015,
-chapter 5). What multiplies the mean is found from their mean, by the unbiased estimating equation
-of `reconstruct.causal`; the intensities from their size, by the likelihood; `settling` takes turns.
+chapter 5), and their density is the likelihood of everything. `settling` comes near its maximum by
+turns that take seconds, `scoring` to it by steps that know all that a filter changes.
 
-Stated deviations are those of the information that the estimating equation has, with the prior, and
-wider where the scores of stretches of flight scatter more than independent innovations would make
-them.
+Stated deviations are those of Fisher's information and the prior, wider where the scores of
+stretches of flight scatter more than independent innovations would make them.
 """
 
 from __future__ import annotations
@@ -20,15 +19,14 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid import regressors
-from gcs_sysid.estimate import sandwich, settling
+from gcs_sysid.estimate import scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.estimate.scoring import Scored
+from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.frames import Array
 from gcs_sysid.model.aided import State
 from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.aided_smoother import FlightModel
-from gcs_sysid.reconstruct.causal import Pass
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 SMOOTHED = 3
@@ -48,7 +46,7 @@ class Fit:
             innovations independent; of infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
         smoothed: deviations from it, and their covariance.
-        last: the last pass of the filter, its innovations among it.
+        whitened: innovations over the root of their covariance.
         log_likelihood: after each turn of the search.
         converged: whether the search ended because nothing more was to be gained.
     """
@@ -60,7 +58,7 @@ class Fit:
     bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
-    last: Pass
+    whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     converged: bool
 
@@ -87,58 +85,29 @@ def fit(
         progress: told about every turn.
         near: whether `first` is near what is sought.
     """
-    done = settling.settle(model, flight, first, beliefs, counts, progress, near=near)
-    unknowns = settling.at(done, first.means)
+    begun = settling.settle(
+        model, flight, first, beliefs, counts, progress, near=near, enough=settling.ROUGHLY
+    )
+    done = scoring.climbed(model, first.means, begun, beliefs, progress)
+    unknowns = done.unknowns
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
     )
-    progress("how sure all this is")
-    covariance, deviation = _deviations(model, unknowns, done, beliefs)
     keys = derivative_keys(unknowns.means.aerodynamics)
-    taken = slice(len(keys))
-    free = np.diagonal(beliefs.covariance) > 0.0
+    taken = np.arange(len(keys))
+    covariance, deviation = _covariance(done)
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
-        covariance=covariance[taken, taken],
+        covariance=covariance[np.ix_(taken, taken)],
         keys=keys,
-        bound=_bound(done.last.told.matrix, free)[taken, taken],
+        bound=_bound(done, len(keys)),
         states=states,
         smoothed=smoothed,
-        last=done.last,
+        whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.ended,
     )
-
-
-def _deviations(
-    model: FlightModel, unknowns: Unknowns, done: Settled, beliefs: Beliefs
-) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:
-    """Covariance of the parameters of the mean, and one deviation of everything; 0 where held."""
-    sigma = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
-    free = (np.diagonal(beliefs.covariance) > 0.0, sigma > 0.0)
-    known, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
-    prior = np.zeros((known.size + noises.size,) * 2)
-    prior[: known.size, : known.size] = np.linalg.inv(beliefs.covariance[np.ix_(known, known)])
-    places = known.size + np.arange(noises.size)
-    prior[places, places] = 1.0 / sigma[noises] ** 2
-    information = np.diagonal(done.last.told.matrix)[known] + np.diagonal(prior)[: known.size]
-    sizes = np.zeros(free[0].size)
-    sizes[known] = 1.0 / np.sqrt(information)
-    keys = derivative_keys(unknowns.means.aerodynamics)
-    moving = [any(name in key for name in regressors.VARIABLES) for _, key in keys]
-    turning = np.pad(np.array(moving), (0, free[0].size - len(keys)))
-    told = sandwich.slopes(model, *unknowns, done.last.path, done.fitted, free, sizes, turning)
-    found = sandwich.covariance(told, prior, settling.scatter(done, beliefs))
-    covariance = np.zeros_like(beliefs.covariance)
-    covariance[np.ix_(known, known)] = found[: known.size, : known.size]
-    logs = np.zeros(sigma.size)
-    logs[noises] = np.sqrt(np.diagonal(found)[known.size :])
-    deviation = Unknowns(
-        ravel_pytree(unknowns.means)[1](jnp.asarray(np.sqrt(np.diagonal(covariance)))),
-        ravel_pytree(unknowns.log_noise)[1](jnp.asarray(logs)),
-    )
-    return covariance, deviation
 
 
 def derivative_keys(
@@ -152,21 +121,37 @@ def derivative_keys(
     return tuple((name, key) for name in sorted(aerodynamics) for key in sorted(aerodynamics[name]))
 
 
-def _bound(
-    information: Float[np.ndarray, "parameter parameter"], free: Bool[np.ndarray, " parameter"]
-) -> Float[np.ndarray, "parameter parameter"]:
-    """Cramér–Rao: what no unbiased estimate can beat, infinite where the flight says nothing.
+def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:
+    """Covariance of the parameters of the mean, and one deviation of everything; 0 where held."""
+    means, noises = done.free
+    known, logs = np.flatnonzero(means), np.zeros(noises.size)
+    found = scoring.inverse(done.information / done.scatter() + done.precision)
+    covariance = np.zeros((means.size, means.size))
+    covariance[np.ix_(known, known)] = found[: known.size, : known.size]
+    logs[noises] = np.sqrt(np.diagonal(found)[known.size :])
+    like = done.unknowns
+    deviation = Unknowns(
+        ravel_pytree(like.means)[1](jnp.asarray(np.sqrt(np.diagonal(covariance)))),
+        ravel_pytree(like.log_noise)[1](jnp.asarray(logs)),
+    )
+    return covariance, deviation
 
-    Parameters that are held count as known, and have none.
+
+def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:
+    """Cramér–Rao: what no unbiased estimate of the first `count` parameters can beat.
+
+    Nothing is believed of them before; of sensors and gusts what the priors say. Infinite where the
+    flight says nothing; parameters that are held count as known, and have none.
     """
-    chosen = np.ix_(free, free)
-    size = np.sqrt(np.maximum(np.diagonal(information)[free], 1e-300))
-    values, vectors = np.linalg.eigh(information[chosen] / np.outer(size, size))
+    free = np.flatnonzero(done.free[0][:count])
+    matrix = done.information + done.precision
+    matrix[: free.size, : free.size] -= done.precision[: free.size, : free.size]
+    size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     seen = values > 1e-12 * values[-1]
     spread = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T / np.outer(size, size)
-    hidden = np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-6
-    bound = np.zeros_like(information)
-    bound[chosen] = spread
-    places = np.flatnonzero(free)[hidden]
-    bound[places, places] = np.inf
+    hidden = np.sum(vectors[: free.size, ~seen] ** 2, axis=1) > 1e-6
+    bound = np.zeros((count, count))
+    bound[np.ix_(free, free)] = spread[: free.size, : free.size]
+    bound[free[hidden], free[hidden]] = np.inf
     return bound

@@ -135,19 +135,19 @@ class Lined(NamedTuple):
 
     path: Path
     rows: list[Linearised]
-    still: list[_Still]
+    still: list[Still]
 
 
-class _Still(NamedTuple):
+class Still(NamedTuple):
     """What no intensity changes of linearised rows.
 
     Attributes:
         mechanics: their Jacobians, but for what decays by itself.
-        air: nominal air that a step begins with, as an error state.
+        slow: nominal air and slow errors that a step begins with, as an error state.
     """
 
     mechanics: Float[Array, "*sample state state"]
-    air: Float[Array, "*sample state"]
+    slow: Float[Array, "*sample state"]
 
 
 def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lined:
@@ -155,10 +155,11 @@ def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lin
     rows = causal.joined(model, means, log_noise, path)
     still, last = [], None
     for chunk in path.chunks:
-        air = causal.ends(chunk, last).air
-        blown = jnp.concatenate([air.wind, air.gust, air.spin], axis=1)
-        padded = jnp.pad(blown, ((0, 0), (9, aided.SIZE - 18)))
-        still.append(_Still(_mechanics(model, means, chunk), padded))
+        ended = causal.ends(chunk, last)
+        errors = (ended.attitude_error, ended.push, ended.velocity_error)
+        slow = jnp.concatenate([*ended.air, *errors], axis=1)
+        padded = jnp.pad(slow, ((0, 0), (aided.MOVING, 0)))
+        still.append(Still(_mechanics(model, means, chunk), padded))
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
     return Lined(path, rows, still)
 
@@ -264,9 +265,7 @@ def _driven(log_noise: Noise) -> _Driven:
     believed, doubted = (
         aided.driving(aided.doubted(noise, jnp.asarray(modelled))) for modelled in (True, False)
     )
-    return _Driven(
-        aided.decay(noise.turbulence), believed, doubted, aided.measurement_variance(noise)
-    )
+    return _Driven(aided.decay(noise), believed, doubted, aided.measurement_variance(noise))
 
 
 class _Covered(NamedTuple):
@@ -278,10 +277,10 @@ class _Covered(NamedTuple):
 
 
 @jax.jit
-def _every(log_noise: Noise, chunk: Chunk, still: _Still) -> _Covered:
+def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
     driven = _driven(log_noise)
 
-    def one(row: Row, still: _Still) -> _Covered:
+    def one(row: Row, still: Still) -> _Covered:
         half = aided.half_transition(still.mechanics, driven.decay, row.step)
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
         return _Covered(
@@ -305,7 +304,7 @@ def _mechanics(
 
 
 @jax.jit
-def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearised) -> Noise:
+def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised) -> Noise:
     """Gradient with respect to intensities, from that with respect to every row's matrices.
 
     By hand as far as the few matrices that all rows share: taken through `_every` by the machine it
@@ -315,7 +314,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearise
     unit = jnp.eye(aided.SIZE)
     slow = slice(aided.MOVING, aided.SIZE)
 
-    def one(row: Row, still: _Still, by: Linearised) -> tuple[Array, Array, Array]:
+    def one(row: Row, still: Still, by: Linearised) -> tuple[Array, Array, Array]:
         rates = 0.5 * row.step * still.mechanics.at[slow, slow].set(driven.decay)
         inmost = unit + rates / 4.0
         inner = unit + rates @ inmost / 3.0
@@ -325,7 +324,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearise
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
         through = half @ noise
         middle = through @ half.T
-        moved = by.transition + by.offset[:, None] * still.air[None, :]
+        moved = by.transition + by.offset[:, None] * still.slow[None, :]
         early = row.step / 6.0 * by.process
         turned = early @ half
         of_middle = 4.0 * early + half.T @ turned
@@ -354,13 +353,13 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: _Still, slope: Linearise
 
 
 @jax.jit
-def at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: _Still) -> Linearised:
+def at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: Still) -> Linearised:
     """The rows with other intensities.
 
-    The nominal air decays at another rate, which the offset takes up.
+    What is slow decays at another rate, which the offset takes up.
     """
     found = _every(log_noise, chunk, still)
-    decayed = jnp.einsum("kij,kj->ki", found.transition - rows.transition, still.air)
+    decayed = jnp.einsum("kij,kj->ki", found.transition - rows.transition, still.slow)
     return rows._replace(
         transition=found.transition,
         offset=rows.offset + decayed,

@@ -5,9 +5,9 @@ are *measurements* of a motion that aerodynamics, thrust and gusts bring about. 
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, the air of `air`,
-and the slow error of the attitude source. The error state has 22 rows (`BLOCKS`), additive but for
-the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the equations are those
-of `rigid_body`; a sensor at r from the centre of gravity feels
+and the slow errors of the sources of attitude and velocity. The error state has 25 rows (`BLOCKS`),
+additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
+equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
     f = (X + T)/m + ω̇ × r + ω × (ω × r)
 
@@ -42,9 +42,10 @@ BLOCKS: dict[str, slice] = {
     "spin": slice(15, 18),
     "attitude_error": slice(18, 21),
     "push": slice(21, 22),
+    "velocity_error": slice(22, 25),
 }
 """Where each part of the error state lies."""
-SIZE = 22
+SIZE = 25
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
     "accelerometer": slice(3, 6),
@@ -58,8 +59,6 @@ ROW_COUNT = 15
 MOVING = BLOCKS["wind"].start
 """The states of the aircraft's motion are those before this one; they feel the others, which go
 their own way."""
-ATTITUDE_ERROR_TIME = 20.0
-"""Correlation time of an autopilot's attitude error [s]."""
 UNBELIEVED = 3.0
 """White noise of acceleration and angular acceleration where the equations are not to be believed
 [m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
@@ -79,6 +78,7 @@ class State(NamedTuple):
         air: the moving air.
         attitude_error: by which the attitude source is turned, level axes [rad].
         push: acceleration along x that the thrust maps do not know [m/s²].
+        velocity_error: by which the velocity source is off for seconds, NED [m/s].
     """
 
     attitude: Float[Array, "*batch four"]
@@ -87,6 +87,7 @@ class State(NamedTuple):
     air: Air
     attitude_error: Float[Array, "*batch axis"]
     push: Float[Array, "*batch one"]
+    velocity_error: Float[Array, "*batch axis"]
 
 
 class Sensors(NamedTuple):
@@ -142,7 +143,11 @@ class Noise(NamedTuple):
         force: white noise of the acceleration [m/s²/√Hz].
         moment: of the angular acceleration about each axis [rad/s²/√Hz].
         attitude_error: slow error of the attitude source, tilt and heading [rad].
+        attitude_error_time: its correlation times [s]. What a flight says of a constant sideslip
+            hangs on that of the heading.
         push: error of the thrust maps [m/s²].
+        velocity_error: slow error of the velocity source [m/s].
+        velocity_error_time: its correlation time [s].
         gyro: white noise of a sample [rad/s].
         accelerometer: likewise [m/s²].
         airspeed: likewise [m/s].
@@ -155,7 +160,10 @@ class Noise(NamedTuple):
     force: Float[Array, ""]
     moment: Float[Array, " axis"]
     attitude_error: Float[Array, " two"]
+    attitude_error_time: Float[Array, " two"]
     push: Float[Array, ""]
+    velocity_error: Float[Array, ""]
+    velocity_error_time: Float[Array, ""]
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
     airspeed: Float[Array, ""]
@@ -227,6 +235,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
         ),
         state.attitude_error + error[BLOCKS["attitude_error"]],
         state.push + error[BLOCKS["push"]],
+        state.velocity_error + error[BLOCKS["velocity_error"]],
     )
 
 
@@ -243,6 +252,7 @@ def difference(first: State, second: State) -> Float[Array, " state"]:
             first.air.spin - second.air.spin,
             first.attitude_error - second.attitude_error,
             first.push - second.push,
+            first.velocity_error - second.velocity_error,
         ]
     )
 
@@ -303,7 +313,7 @@ def flow(
 def _slope(
     aircraft: Aircraft,
     means: Means,
-    turbulence: Turbulence,
+    noise: Noise,
     state: State,
     row: Row,
     when: Int[Array, ""] | int,
@@ -313,9 +323,10 @@ def _slope(
         change.attitude,
         change.velocity,
         change.rate,
-        air.drift(state.air, turbulence),
-        -state.attitude_error / ATTITUDE_ERROR_TIME,
+        air.drift(state.air, noise.turbulence),
+        -state.attitude_error / _of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
+        -state.velocity_error / noise.velocity_error_time,
     )
 
 
@@ -325,13 +336,11 @@ def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Ar
     return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - MOVING)])
 
 
-def advance(
-    aircraft: Aircraft, means: Means, turbulence: Turbulence, state: State, row: Row
-) -> State:
+def advance(aircraft: Aircraft, means: Means, noise: Noise, state: State, row: Row) -> State:
     """State at the end of a row's step, by the classical Runge–Kutta scheme."""
 
     def slope(at: State, when: Int[Array, ""]) -> State:
-        return _slope(aircraft, means, turbulence, at, row, when)
+        return _slope(aircraft, means, noise, at, row, when)
 
     ahead = runge_kutta.advance(slope, state, row.step)
     length = jnp.sqrt(jnp.sum(ahead.attitude * ahead.attitude))
@@ -380,7 +389,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
             row.gyro - sensed - errors.gyro_bias,
             row.accelerometer - felt - errors.accelerometer_bias,
             row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
-            row.measured.velocity - tracked.velocity,
+            row.measured.velocity - tracked.velocity - state.velocity_error,
             frames.logarithm(frames.multiply(frames.conjugate(expected), row.measured.attitude)),
             row.measured.vanes
             - jnp.stack([alpha, beta]) * (1.0 + errors.vane_scale)
@@ -465,17 +474,24 @@ def doubted(noise: Noise, modelled: Bool[Array, ""]) -> Noise:
 
 def process_density(noise: Noise) -> Float[Array, " state"]:
     """Spectral density of each state's white noise, before gusts turn the air as well."""
-    tilt, heading = noise.attitude_error
+    lasting = _of_axes(noise.attitude_error_time)
     return jnp.concatenate(
         [
             jnp.zeros(3),
             jnp.full(3, 1.0) * noise.force**2,
             noise.moment**2,
             air.density(noise.turbulence),
-            jnp.stack([tilt, tilt, heading]) ** 2 * (2.0 / ATTITUDE_ERROR_TIME),
+            _of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),
+            jnp.full(3, noise.velocity_error**2 * (2.0 / noise.velocity_error_time)),
         ]
     )
+
+
+def _of_axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:
+    """Tilt and heading as turns about the level axes."""
+    tilt, heading = pair
+    return jnp.stack([tilt, tilt, heading])
 
 
 def jacobian(
@@ -511,7 +527,7 @@ def jacobian(
 
 def half_transition(
     mechanics: Float[Array, "state state"],
-    decay: Float[Array, "thirteen thirteen"],
+    decay: Float[Array, "slow slow"],
     step: Float[Array, ""],
 ) -> Float[Array, "state state"]:
     """Transition over half a step: the exponential's series to the order of the scheme.
@@ -529,14 +545,15 @@ def half_transition(
     return half
 
 
-def decay(turbulence: Turbulence) -> Float[Array, "thirteen thirteen"]:
-    """How air, attitude error and push change by themselves."""
+def decay(noise: Noise) -> Float[Array, "slow slow"]:
+    """How the air and the slow errors change by themselves."""
 
-    def change(values: Float[Array, " thirteen"]) -> Float[Array, " thirteen"]:
-        wind, gust, spin, attitude_error, push = jnp.split(values, (3, 6, 9, 12))
-        moving = air.drift(Air(wind, gust, spin), turbulence)
-        slow = (-attitude_error / ATTITUDE_ERROR_TIME, -push / PUSH_TIME)
-        return jnp.concatenate([*moving, *slow])
+    def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
+        wind, gust, spin, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 13))
+        moving = air.drift(Air(wind, gust, spin), noise.turbulence)
+        tilted = tilted / _of_axes(noise.attitude_error_time)
+        slow = (tilted, push / PUSH_TIME, tracked / noise.velocity_error_time)
+        return jnp.concatenate([*moving, *(-part for part in slow)])
 
     return jax.jacfwd(change)(jnp.zeros(SIZE - MOVING))
 
@@ -545,11 +562,11 @@ def _seen(
     aircraft: Aircraft, means: Means, state: State, row: Row
 ) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
     """Sensitivity of the expected measurements to an error state, and the innovation."""
-    parts = ("attitude", "velocity", "rate", "spin", "attitude_error", "push")
+    parts = ("attitude", "velocity", "rate", "spin", "attitude_error", "push", "velocity_error")
     sizes = [BLOCKS[name].stop - BLOCKS[name].start for name in parts]
     ends = [int(end) for end in np.cumsum(sizes)]
 
-    def left(errors: Float[Array, " sixteen"]) -> tuple[Array, Array]:
+    def left(errors: Float[Array, " error"]) -> tuple[Array, Array]:
         error = jnp.zeros(SIZE)
         for name, part in zip(parts, jnp.split(errors, ends[:-1]), strict=True):
             error = error.at[BLOCKS[name]].set(part)
@@ -582,8 +599,8 @@ def linearise(
     """
     middle = compose(before, 0.5 * difference(after, before))
     mechanics = jacobian(aircraft, means, middle, row, 1)
-    half = half_transition(mechanics, decay(noise.turbulence), row.step)
-    moved = advance(aircraft, means, noise.turbulence, before, row)
+    half = half_transition(mechanics, decay(noise), row.step)
+    moved = advance(aircraft, means, noise, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(

@@ -36,6 +36,8 @@ HAIR = 1e-6
 ROTATION_TIME = 0.25
 """One standard deviation of the logarithm of the specification's correlation times: what turns the
 air for seconds is an error of the model."""
+ATTITUDE_ERROR_TIME = 40.0
+"""First guess of the correlation time of an autopilot's attitude error [s]."""
 SPIN = 0.06
 """First guess of the gust's own rotation [rad/s]."""
 UNMODELLED = 0.05
@@ -48,6 +50,8 @@ MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
+VELOCITY_ERROR, VELOCITY_ERROR_TIME = 0.05, 4.0
+"""First guess of a satellite receiver's slow error [m/s], and of its correlation time [s]."""
 START_DEVIATION = np.array(
     [0.03] * 3
     + [1.0] * 3
@@ -57,6 +61,7 @@ START_DEVIATION = np.array(
     + [0.06] * 3
     + [0.01] * 3
     + [0.1]
+    + [0.1] * 3
 )
 """Of the first state, in the order of `aided.BLOCKS`."""
 
@@ -186,7 +191,10 @@ def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise
         force=log(UNMODELLED, 0.0),
         moment=jnp.log(jnp.full(3, UNMODELLED)),
         attitude_error=jnp.log(jnp.array([0.006, 0.008])),
+        attitude_error_time=jnp.log(jnp.full(2, ATTITUDE_ERROR_TIME)),
         push=log(THRUST_ERROR, 0.0),
+        velocity_error=log(VELOCITY_ERROR, 0.0),
+        velocity_error_time=log(VELOCITY_ERROR_TIME, 0.0),
         gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
         accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
         airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
@@ -243,6 +251,8 @@ def beliefs(
     noise = wide._replace(
         turbulence=turbulence,
         attitude_error=jnp.full(2, 1.0),
+        attitude_error_time=jnp.full(2, 0.7),
+        velocity_error_time=jnp.asarray(0.7),
         vanes=jnp.asarray(2.0 * flow),
     )
     spread = {
@@ -351,4 +361,5 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         air=Air(at(states.block("wind")), at(states.block("gust")), np.zeros_like(rate)),
         attitude_error=np.zeros_like(rate),
         push=np.zeros((time.size, 1)),
+        velocity_error=np.zeros_like(rate),
     )

@@ -34,7 +34,7 @@ def _innovations(fit: Fit) -> dict[str, float]:
     """Mean square of the whitened innovations by sensor: 1 where the model tells everything."""
     out = {}
     for name, rows in aided.ROWS.items():
-        white = fit.last.whitened[:, rows]
+        white = fit.whitened[:, rows]
         seen = white[white != 0.0]
         if seen.size:
             out[name] = float(np.mean(seen**2))

@@ -25,7 +25,7 @@ def _ahead(
     model: FlightModel, means: Means, noise: Noise, state: State, row: Row
 ) -> tuple[State, Linearised]:
     """State at the end of a row's step, and the row about the step."""
-    after = aided.advance(model.aircraft, means, noise.turbulence, state, row)
+    after = aided.advance(model.aircraft, means, noise, state, row)
     return after, aided.linearise(model.aircraft, means, noise, state, after, row)
 
 

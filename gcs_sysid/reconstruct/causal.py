@@ -171,7 +171,7 @@ def passed(
         wanted = np.zeros(count, dtype=bool)
         part = counts[first : first + count]
         wanted[: part.size] = part
-        motion, seen = _sensitivities(model, means, log_noise, chunk, piece, jnp.asarray(asked))
+        motion, seen = sensitivities(model, means, log_noise, chunk, piece, jnp.asarray(asked))
         if more is not None:
             motion, seen = _with_more(model, more, means, chunk, motion, seen)
         sensitivity, white = _carried(sensitivity, piece, done, motion, seen)
@@ -235,7 +235,7 @@ def _moved(state: State, error: Float[Array, "sample state"]) -> State:
 
 
 @partial(jax.jit, static_argnums=0)
-def _sensitivities(
+def sensitivities(
     model: FlightModel,
     means: Means,
     log_noise: Noise,
@@ -250,7 +250,7 @@ def _sensitivities(
     up for must cancel to its last digits.
     """
     flat, unravel = ravel_pytree(means)
-    decay = aided.decay(aided_smoother.positive(log_noise).turbulence)
+    decay = aided.decay(aided_smoother.positive(log_noise))
 
     def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
@@ -374,6 +374,6 @@ class Carried:
         self, chunk: Chunk, rows: Linearised, done: linear_filter.Filtered
     ) -> Float[np.ndarray, "sample row asked"]:
         """Whitened sensitivities of the next chunk's innovations."""
-        motion, seen = _sensitivities(*self._at, chunk, rows, self._asked)
+        motion, seen = sensitivities(*self._at, chunk, rows, self._asked)
         self._sensitivity, white = _carried(self._sensitivity, rows, done, motion, seen)
         return np.array(white)

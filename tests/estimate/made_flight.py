@@ -62,7 +62,10 @@ def unknowns(scale: float) -> Unknowns:
         force=jnp.log(jnp.asarray(0.02)),
         moment=jnp.log(jnp.full(3, 0.02)),
         attitude_error=jnp.log(jnp.full(2, 0.003)),
+        attitude_error_time=jnp.log(jnp.full(2, 20.0)),
         push=jnp.log(jnp.asarray(0.05)),
+        velocity_error=jnp.log(jnp.asarray(0.03)),
+        velocity_error_time=jnp.log(jnp.asarray(4.0)),
         gyro=jnp.log(jnp.asarray(0.004)),
         accelerometer=jnp.log(jnp.asarray(0.1)),
         airspeed=jnp.log(jnp.asarray(0.2)),
@@ -88,11 +91,12 @@ def made_flight() -> Flight:
         Air(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
         jnp.zeros(3),
         jnp.zeros(1),
+        jnp.zeros(3),
     )
 
     @jax.jit
     def ahead(now: State, row: Row, shock: jax.Array) -> tuple[State, jax.Array]:
-        moved = aided.advance(AIRCRAFT, means, noise.turbulence, now, row)
+        moved = aided.advance(AIRCRAFT, means, noise, now, row)
         moved = aided.compose(moved, shock)
         return moved, aided.innovation(AIRCRAFT, means, moved, row)
 

@@ -49,7 +49,20 @@ FLYING = replace(
         for name, terms in TERMS.items()
     },
 )
-QUIET = Turbulence(*(jnp.ones(3),) * 4, jnp.array([0.1, -0.2]), azimuth=jnp.asarray(0.7))
+NOISE = Noise(
+    Turbulence(
+        gust=jnp.array([1.0, 1.5, 2.0]),
+        gust_time=jnp.ones(3),
+        spin=jnp.array([0.05, 0.07, 0.1]),
+        spin_time=jnp.ones(3),
+        coupling=jnp.array([0.2, 0.3]),
+        azimuth=jnp.asarray(0.4),
+    ),
+    *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.array([20.0, 40.0])),
+    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0)),
+    *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
+    *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
+)
 
 
 def means(aircraft: Aircraft) -> Means:
@@ -68,6 +81,7 @@ def state() -> State:
         ),
         attitude_error=jnp.array([0.005, -0.003, 0.01]),
         push=jnp.array([0.2]),
+        velocity_error=jnp.array([0.05, -0.02, 0.03]),
     )
 
 
@@ -105,7 +119,7 @@ def test_without_gusts_the_motion_is_that_of_the_rigid_body() -> None:
     """The two schemes differ by their fourth-order errors, which small steps make vanish."""
     still = Air(jnp.array([2.0, -1.0, 0.1]), jnp.zeros(3), jnp.zeros(3))
     calm = state()._replace(air=still, push=jnp.zeros(1))
-    ahead = aided.advance(FLYING, means(FLYING), QUIET, calm, row(0.004))
+    ahead = aided.advance(FLYING, means(FLYING), NOISE, calm, row(0.004))
     start = rigid_body.State(jnp.array([0.0, 0.0, -100.0]), calm.velocity, calm.attitude, calm.rate)
     given = rigid_body.Inputs(
         {"elevator": jnp.asarray(-0.03)},
@@ -127,7 +141,7 @@ def test_the_scheme_is_of_fourth_order() -> None:
 
     @jax.jit
     def ahead(now: State, sample: Row) -> State:
-        return aided.advance(FLYING, means(FLYING), QUIET, now, sample)
+        return aided.advance(FLYING, means(FLYING), NOISE, now, sample)
 
     def after(steps: int) -> np.ndarray:
         now = state()
@@ -160,7 +174,9 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
     speed = np.linalg.norm(np.asarray(through) + np.cross(np.asarray(now.rate), lever))
     shown = frames.multiply(frames.exponential(now.attitude_error), now.attitude)
     seen = row(0.0).measured._replace(
-        airspeed=jnp.asarray([1.03 * speed]), velocity=now.velocity, attitude=shown
+        airspeed=jnp.asarray([1.03 * speed]),
+        velocity=now.velocity + now.velocity_error,
+        attitude=shown,
     )
     known = means(STONE)
     known = known._replace(sensors=known.sensors._replace(airspeed_scale=jnp.asarray(0.03)))
@@ -180,22 +196,9 @@ def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
     np.testing.assert_allclose(change[ROWS["velocity"]], [0.0, 0.0, 0.1 * GRAVITY], atol=1e-12)
 
 
-NOISE = Noise(
-    QUIET._replace(
-        gust=jnp.array([1.0, 1.5, 2.0]),
-        spin=jnp.array([0.05, 0.07, 0.1]),
-        coupling=jnp.array([0.2, 0.3]),
-        azimuth=jnp.asarray(0.4),
-    ),
-    *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.asarray(0.1)),
-    *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
-    *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
-)
-
-
 @jax.jit
 def stepped(known: Means, before: State, sample: Row) -> tuple[State, aided.Linearised]:
-    after = aided.advance(FLYING, known, NOISE.turbulence, before, sample)
+    after = aided.advance(FLYING, known, NOISE, before, sample)
     return after, aided.linearise(FLYING, known, NOISE, before, after, sample)
 
 
@@ -206,7 +209,7 @@ def test_the_transition_is_that_of_the_scheme_to_third_order() -> None:
     @jax.jit
     def ends(sample: Row, error: jax.Array, after: State) -> jax.Array:
         moved = aided.compose(state(), error)
-        ahead = aided.advance(FLYING, known, NOISE.turbulence, moved, sample)
+        ahead = aided.advance(FLYING, known, NOISE, moved, sample)
         return aided.difference(ahead, after)
 
     def left(length: float) -> np.ndarray:
@@ -253,7 +256,10 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     rng = np.random.default_rng(8)
     length, size = 0.02, aided.SIZE
     # Rates up to those of the roll mode of a small aircraft and of the gusts' rotation.
-    rates = 0.3 * rng.standard_normal((size, size)) + np.diag(-20.0 * rng.uniform(size=size))
+    rates = 0.3 * rng.standard_normal((size, size))
+    rates[aided.MOVING :] = 0.0  # the air and the slow errors feel nothing
+    fastest = np.where(np.arange(size) < aided.MOVING, 20.0, 10.0)
+    rates -= np.diag(fastest * rng.uniform(size=size))
     shape, across = np.eye(size), np.array([-np.sin(0.4), np.cos(0.4), 0.0])
     down = np.array([0.0, 0.0, 1.0])
     turned = np.stack([np.array([np.cos(0.4), np.sin(0.4), 0.0]), across, down], axis=1)
@@ -282,7 +288,7 @@ def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:
     @jax.jit
     def flown(values: Means) -> jax.Array:
         def ahead(now: State, _: None) -> tuple[State, jax.Array]:
-            after = aided.advance(FLYING, values, QUIET, now, row(step))
+            after = aided.advance(FLYING, values, NOISE, now, row(step))
             still = row(step)._replace(gyro=jnp.zeros(3))
             return after, -aided.innovation(FLYING, values, after, still)[ROWS["gyro"]]
 

@@ -1,0 +1,278 @@
+"""Slope of the innovations' likelihood and its information, with all that a filter changes.
+
+With ν ~ N(0, S) and S = L Lᵀ, w = L⁻¹ν, T = L⁻¹∂ν and V = L⁻¹ ∂S L⁻ᵀ (Schweppe, IEEE Trans.
+Information Theory 11, 1965; Gupta & Mehra, IEEE Trans. Automatic Control 19, 1974),
+
+    ∂ log L = Σ −Tᵀw + ½ (wᵀ V w − tr V)        information = Σ Tᵀ T + ½ tr(V V)
+
+T and V hold how gains change, of parameters and intensities alike, and how the flight that the
+filter predicts moves with a parameter. A constant of the angle of attack is made up for by the
+wind: about the flight as it was, slopes of curved coefficients would change and seem to tell it.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float, Int
+
+from gcs_sysid.estimate import intensities
+from gcs_sysid.frames import Array
+from gcs_sysid.model import aided
+from gcs_sysid.model.aided import Linearised, Means, Noise, State
+from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
+from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
+from gcs_sysid.reconstruct.causal import Path
+from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
+
+
+class Instruments(NamedTuple):
+    """What a flight is asked with, chunk by chunk, and what it can answer.
+
+    T and V depend on the past only, so that the slope made of them has no bias where innovations
+    are independent of the past, be they those of unknowns a little off or of approximate equations:
+    worked out once, they serve for all steps of a search nearby.
+
+    Attributes:
+        chunks: T and V of each unknown, V as the pairs of `_pairs`; 0 in rows that are not asked.
+        information: Fisher's.
+    """
+
+    chunks: tuple[Changed, ...]
+    information: Float[np.ndarray, "unknown unknown"]
+
+
+def instruments(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    path: Path,
+    counts: Bool[np.ndarray, " sample"],
+    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]],
+    sizes: Float[np.ndarray, " parameter"],
+) -> Instruments:
+    """Instruments of a flight.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        log_noise: log intensities.
+        path: that the filter predicts with them.
+        counts: rows that are asked.
+        free: parameters and intensities that are asked about, in the order of `ravel_pytree`.
+        sizes: one deviation of each parameter, over which matrices are taken as linear. A map of
+            thrust has corners: over a step too small, a sample that crosses one seems to tell much.
+    """
+    found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
+    asked = _Asked(model, means, log_noise, path, found, noises, sizes[found])
+    about = intensities.lined(model, means, path, log_noise)
+    start, first, chunks = path.start, 0, []
+    information = np.zeros((found.size + noises.size,) * 2)
+    for chunk, rows, still in zip(path.chunks, *about[1:], strict=True):
+        end, done = linear_filter.run(start, rows)
+        wanted = np.zeros(chunk.row.step.size, dtype=bool)
+        part = counts[first : first + wanted.size]
+        wanted[: part.size] = part
+        changed = asked.chunk(chunk, start, rows, done, still, wanted)
+        flat = changed.innovation.reshape(len(information), -1).astype(float)
+        weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
+        wide = (changed.spread * weight).reshape(len(information), -1)
+        information += flat @ flat.T + wide @ wide.T
+        chunks.append(changed)
+        start, first = end, first + part.size
+    return Instruments(tuple(chunks), information)
+
+
+def scores(
+    asked: Instruments, white: Float[np.ndarray, "sample row"]
+) -> Float[np.ndarray, "block unknown"]:
+    """Slope of the log-likelihood by every `causal.BLOCK` rows.
+
+    Args:
+        asked: instruments.
+        white: innovations over the root of their covariance, of every chunk's every row.
+    """
+    first, second, weight = _pairs(white.shape[1])
+    excess = 0.5 * weight * (white[:, first] * white[:, second] - (first == second))
+    blocks, begin = [], 0
+    for change, spread in asked.chunks:
+        size, count, _ = change.shape
+        rows = slice(begin, begin + count)
+        each = np.einsum("ukp,kp->ku", spread, excess[rows])
+        each -= np.einsum("ukr,kr->ku", change, white[rows])
+        blocks.append(each.reshape(-1, causal.BLOCK, size).sum(axis=1))
+        begin += count
+    return np.concatenate(blocks)
+
+
+class _Asked:
+    """What unknowns change, chunk after chunk of one flight.
+
+    Args:
+        model: the aircraft.
+        means: parameters of the mean.
+        log_noise: log intensities.
+        path: of the flight.
+        found: parameters that are asked about.
+        noises: intensities likewise.
+        steps: of the parameters.
+    """
+
+    def __init__(
+        self,
+        model: FlightModel,
+        means: Means,
+        log_noise: Noise,
+        path: Path,
+        found: Int[np.ndarray, " parameter"],
+        noises: Int[np.ndarray, " intensity"],
+        steps: Float[np.ndarray, " parameter"],
+    ) -> None:
+        flat, unravel = ravel_pytree(means)
+        logs, unravel_logs = ravel_pytree(log_noise)
+        self._at = (model, means, log_noise)
+        self._found, self._steps = jnp.asarray(found), steps
+        self._moved = [
+            unravel(flat.at[index].add(step)) for index, step in zip(found, steps, strict=True)
+        ]
+        self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
+        self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * (found.size + noises.size)
+        self._sensitivity = jnp.zeros((aided.SIZE, found.size))
+
+    def chunk(
+        self,
+        chunk: Chunk,
+        start: Belief,
+        rows: Linearised,
+        done: Filtered,
+        still: intensities.Still,
+        wanted: Bool[np.ndarray, " sample"],
+    ) -> Changed:
+        """T and V of a chunk's rows that are wanted, an unknown each."""
+        model, means, log_noise = self._at
+        motion, seen = causal.sensitivities(model, means, log_noise, chunk, rows, self._found)
+        self._sensitivity, follows = _followed(self._sensitivity, rows, done, motion, seen)
+        count, width = done.whitened.shape
+        size, pairs = len(self._beliefs), _pairs(width)[0].size
+        every = Changed(
+            np.zeros((size, count, width), np.float32), np.zeros((size, count, pairs), np.float32)
+        )
+        known = (start, rows, done)
+        for number, earlier in enumerate(self._beliefs):
+            if number < len(self._moved):
+                by, other = self._steps[number], self._moved[number]
+                moving = _Moving(*(part[..., number] for part in follows))
+                now = _turned(model, other, log_noise, chunk, *known, earlier, moving, by)
+            else:
+                by, other = intensities.DIFFERENCE, self._louder[number - len(self._moved)]
+                now = _blown(other, chunk, *known, earlier, still)
+            self._beliefs[number], told = now
+            every.innovation[number, wanted] = np.asarray(told.innovation)[wanted] / by
+            every.spread[number, wanted] = np.asarray(told.spread)[wanted] / by
+        return every
+
+
+class _Moving(NamedTuple):
+    """How rows move with parameters, gains held.
+
+    Attributes:
+        before: what the filter believed after the row before.
+        after: what it expects at the row.
+        motion: the row's offset.
+        seen: its residual.
+    """
+
+    before: Float[Array, "sample state *parameter"]
+    after: Float[Array, "sample state *parameter"]
+    motion: Float[Array, "sample state *parameter"]
+    seen: Float[Array, "sample row *parameter"]
+
+
+@jax.jit
+def _followed(
+    sensitivity: Float[Array, "state parameter"],
+    rows: Linearised,
+    done: Filtered,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+) -> tuple[Array, _Moving]:
+    """Sensitivity of the filter's mean at a chunk's end, and of its rows."""
+    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
+
+    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
+        transition, view, root, gain, moved, changed = item
+        predicted = transition @ now + moved
+        white = root @ (changed - view @ predicted)
+        return predicted + gain.T @ white, (now, predicted)
+
+    end, (before, after) = jax.lax.scan(
+        ahead,
+        sensitivity,
+        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
+    )
+    return end, _Moving(before, after, motion, seen)
+
+
+@partial(jax.jit, static_argnums=0)
+def _turned(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    chunk: Chunk,
+    start: Belief,
+    rows: Linearised,
+    done: Filtered,
+    earlier: Belief,
+    moving: _Moving,
+    size: Float[Array, ""],
+) -> tuple[Belief, Changed]:
+    """What a parameter changes, its step of `size` taken in `means`.
+
+    Matrices are those about the flight that has moved with it, offsets those that moved it there.
+    """
+    shifted = Chunk(
+        _moved(chunk.before, size * moving.before),
+        _moved(chunk.after, size * moving.after),
+        chunk.row,
+    )
+    about = aided_smoother.linearised(model, means, log_noise, shifted)
+    other = about._replace(
+        offset=rows.offset + size * moving.motion,
+        residual=rows.residual + size * moving.seen,
+    )
+    return _paired(*linear_filter.change(start, rows, done, other, earlier))
+
+
+@jax.jit
+def _blown(
+    log_noise: Noise,
+    chunk: Chunk,
+    start: Belief,
+    rows: Linearised,
+    done: Filtered,
+    earlier: Belief,
+    still: intensities.Still,
+) -> tuple[Belief, Changed]:
+    """What other intensities change."""
+    other = intensities.at(log_noise, chunk, rows, still)
+    return _paired(*linear_filter.change(start, rows, done, other, earlier))
+
+
+def _paired(belief: Belief, changed: Changed) -> tuple[Belief, Changed]:
+    first, second, _ = _pairs(aided.ROW_COUNT)
+    return belief, changed._replace(spread=changed.spread[:, first, second])
+
+
+def _moved(state: State, error: Float[Array, "sample state"]) -> State:
+    return jax.vmap(aided.compose)(state, error)
+
+
+def _pairs(width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns of the upper triangle, and how often each of its elements counts."""
+    first, second = np.triu_indices(width)
+    return first, second, np.where(first == second, 1.0, 2.0)

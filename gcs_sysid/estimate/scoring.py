@@ -1,0 +1,190 @@
+"""Parameters and intensities of greatest posterior density, together, by Fisher scoring.
+
+`settling` brings a flight near by turns that take seconds each: parameters by an equation that
+holds the gains, intensities with the parameters held. From there a few steps with the whole slope
+and the whole information go the rest of the way. That equation tells the lag of the moments from
+the surfaces' delay and the roll derivatives by little more than noise; the likelihood knows how
+gusts and noise come through them as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float
+
+from gcs_sysid.estimate import likelihood
+from gcs_sysid.estimate.flight_rows import Unknowns
+from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.model.aided import Means, Noise
+from gcs_sysid.reconstruct import causal
+from gcs_sysid.reconstruct.aided_smoother import FlightModel
+from gcs_sysid.reconstruct.causal import Path
+
+STEPS = 8
+NEAR = 0.25
+"""A step that moves every parameter of the mean by less than so many deviations ends the search.
+Intensities of what is hardly there go on: less of nothing is still nothing."""
+RENEWED = 20.0
+"""Where steps promised more than this together, the instruments are made anew [nat]."""
+SETS = 2
+"""Times that instruments are made."""
+SLACK = 0.5
+"""A step may lose so much [nat]: instruments are those of a point nearby."""
+DAMPED = (0.0, 0.1, 1.0, 10.0)
+"""Shares of the information's diagonal that are added, one after the other, until a step gains."""
+LONGEST = 0.7
+"""A logarithm of an intensity changes by no more in a step."""
+PASSES = 2
+"""Of the filter, after which its path has followed the parameters."""
+Unknown = Float[np.ndarray, " unknown"]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Where the steps ended.
+
+    Attributes:
+        unknowns: parameters of the mean and intensities.
+        free: parameters and intensities that were sought.
+        information: that the flight gives of it.
+        blocks: scores of every so many rows.
+        precision: of the beliefs about what was sought.
+        whitened: innovations there.
+        log_likelihood: of the rows that count, after each step.
+        ended: whether nothing more was to be gained.
+    """
+
+    unknowns: Unknowns
+    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]]
+    information: Float[np.ndarray, "unknown unknown"]
+    blocks: Float[np.ndarray, "block unknown"]
+    precision: Float[np.ndarray, "unknown unknown"]
+    whitened: Float[np.ndarray, "sample row"]
+    log_likelihood: tuple[float, ...]
+    ended: bool
+
+    def scatter(self) -> float:
+        """Variance of the blocks' scores over that of independent innovations, at least 1."""
+        count = int(self.free[0].sum())
+        blocks, seen = self.blocks[:, :count], np.diagonal(self.information)[:count]
+        spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
+        return max(float(np.median(spread[seen > 0.0] / seen[seen > 0.0])), 1.0)
+
+
+class _Point(NamedTuple):
+    values: Float[np.ndarray, " parameter"]
+    log_noise: Noise
+    path: Path
+    log_likelihood: float
+    whitened: Float[np.ndarray, "sample row"]
+
+
+def climbed(
+    model: FlightModel,
+    like: Means,
+    settled: Settled,
+    beliefs: Beliefs,
+    progress: Callable[[str], None],
+) -> Scored:
+    """Steps from where a flight settled.
+
+    Args:
+        model: the aircraft.
+        like: parameters of the mean, of which the form is taken.
+        settled: where to begin.
+        beliefs: about everything.
+        progress: told about every step.
+    """
+    sigma = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
+    centre = np.asarray(ravel_pytree(beliefs.noise.mean)[0])
+    free = (np.diagonal(beliefs.covariance) > 0.0, sigma > 0.0)
+    found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
+    precision = np.zeros((found.size + noises.size,) * 2)
+    precision[: found.size, : found.size] = np.linalg.inv(beliefs.covariance[np.ix_(found, found)])
+    places = found.size + np.arange(noises.size)
+    precision[places, places] = 1.0 / sigma[noises] ** 2
+
+    def off(point: _Point) -> Unknown:
+        logs = np.asarray(ravel_pytree(point.log_noise)[0])
+        return np.concatenate([(point.values - beliefs.mean)[found], (logs - centre)[noises]])
+
+    def density(point: _Point) -> float:
+        return point.log_likelihood - 0.5 * float(off(point) @ precision @ off(point))
+
+    def moved(point: _Point, move: Unknown) -> _Point:
+        values, logs = point.values.copy(), np.array(ravel_pytree(point.log_noise)[0])
+        values[found] += move[: found.size]
+        logs[noises] += np.clip(move[found.size :], -LONGEST, LONGEST)
+        log_noise = ravel_pytree(point.log_noise)[1](jnp.asarray(logs))
+        means, path = ravel_pytree(like)[1](jnp.asarray(values)), point.path
+        for _ in range(PASSES):
+            path, _, steps = causal.filtered(path, causal.joined(model, means, log_noise, path))
+        each = np.concatenate([step.log_likelihood for step in steps])[: settled.fitted.size]
+        white = np.concatenate([step.whitened for step in steps])
+        return _Point(values, log_noise, path, float(each[settled.fitted].sum()), white)
+
+    sizes = np.zeros(free[0].size)
+    held = settled.last.told.matrix[np.ix_(found, found)] + precision[: found.size, : found.size]
+    sizes[found] = np.sqrt(np.diagonal(inverse(held)))
+    here = moved(
+        _Point(settled.values, settled.log_noise, settled.last.path, 0.0, settled.last.whitened),
+        np.zeros(len(precision)),
+    )
+    history, ended = [here.log_likelihood], False
+    for number in range(SETS):
+        progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
+        means = ravel_pytree(like)[1](jnp.asarray(here.values))
+        asked = likelihood.instruments(
+            model, means, here.log_noise, here.path, settled.fitted, free, sizes
+        )
+        matrix, hoped, ended = asked.information + precision, 0.0, False
+        deviation = np.sqrt(np.diagonal(inverse(matrix)))
+        for _ in range(STEPS):
+            slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
+            move = _solved(matrix, slope, 0.0)
+            promised = 0.5 * float(slope @ move)
+            farthest = float(np.max(np.abs(move / deviation)[: found.size]))
+            ended = farthest < NEAR
+            if ended:
+                break
+            for damping in DAMPED:
+                there = moved(here, _solved(matrix, slope, damping))
+                if density(there) > density(here) - SLACK:
+                    break
+            else:
+                break
+            hoped, here = hoped + promised, there
+            progress(f"log-likelihood {here.log_likelihood:.0f}, moved {farthest:.1f} deviations")
+            history.append(here.log_likelihood)
+        if hoped < RENEWED:
+            break
+    return Scored(
+        unknowns=Unknowns(ravel_pytree(like)[1](jnp.asarray(here.values)), here.log_noise),
+        free=free,
+        information=asked.information,
+        blocks=likelihood.scores(asked, here.whitened),
+        precision=precision,
+        whitened=here.whitened,
+        log_likelihood=tuple(history),
+        ended=ended,
+    )
+
+
+def inverse(matrix: Float[np.ndarray, "row row"]) -> Float[np.ndarray, "row row"]:
+    """Of a positive definite matrix whose rows may have any units."""
+    size = np.sqrt(np.diagonal(matrix))
+    return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
+
+
+def _solved(
+    matrix: Float[np.ndarray, "unknown unknown"], slope: Unknown, damping: float
+) -> Unknown:
+    size = np.sqrt(np.diagonal(matrix))
+    scaled = matrix / np.outer(size, size) + damping * np.eye(size.size)
+    return np.linalg.solve(scaled, slope / size) / size
