@@ -12,6 +12,7 @@ wind: about the flight as it was, slopes of curved coefficients would change and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -29,6 +30,9 @@ from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Path
 from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
+
+TOGETHER = 4
+"""Unknowns whose changes are worked out side by side."""
 
 
 class Instruments(NamedTuple):
@@ -143,6 +147,7 @@ class _Asked:
         self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
         self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * (found.size + noises.size)
         self._sensitivity = jnp.zeros((aided.SIZE, found.size))
+        self._last: State | None = None
 
     def chunk(
         self,
@@ -157,24 +162,43 @@ class _Asked:
         model, means, log_noise = self._at
         motion, seen = causal.sensitivities(model, means, log_noise, chunk, rows, self._found)
         self._sensitivity, follows = _followed(self._sensitivity, rows, done, motion, seen)
+        leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
+        self._last = jax.tree.map(lambda part: part[-1:], chunk.after)
         count, width = done.whitened.shape
         size, pairs = len(self._beliefs), _pairs(width)[0].size
         every = Changed(
             np.zeros((size, count, width), np.float32), np.zeros((size, count, pairs), np.float32)
         )
-        known = (start, rows, done)
-        for number, earlier in enumerate(self._beliefs):
-            if number < len(self._moved):
-                by, other = self._steps[number], self._moved[number]
-                moving = _Moving(*(part[..., number] for part in follows))
-                now = _turned(model, other, log_noise, chunk, *known, earlier, moving, by)
-            else:
-                by, other = intensities.DIFFERENCE, self._louder[number - len(self._moved)]
-                now = _blown(other, chunk, *known, earlier, still)
-            self._beliefs[number], told = now
-            every.innovation[number, wanted] = np.asarray(told.innovation)[wanted] / by
-            every.spread[number, wanted] = np.asarray(told.spread)[wanted] / by
-        return every
+        for first in range(0, size, TOGETHER):
+            group = range(first, min(first + TOGETHER, size))
+            others = [self._other(number, chunk, rows, still, leap, follows) for number in group]
+            spare = TOGETHER - len(others)
+            begun = [*self._beliefs[first : first + TOGETHER], *[start] * spare]
+            both = _changes(start, rows, done, [*others, *[rows] * spare], begun)
+            for number, (belief, told) in zip(group, both, strict=False):
+                self._beliefs[number] = belief
+                every.innovation[number, wanted] = np.asarray(told.innovation)[wanted]
+                every.spread[number, wanted] = np.asarray(told.spread)[wanted]
+        steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
+        return Changed(*(part / steps.astype(np.float32)[:, None, None] for part in every))
+
+    def _other(
+        self,
+        number: int,
+        chunk: Chunk,
+        rows: Linearised,
+        still: intensities.Still,
+        leap: Float[Array, "sample state"],
+        follows: _Moving,
+    ) -> Linearised:
+        """The rows with one unknown a step further."""
+        model, _, log_noise = self._at
+        if number >= len(self._moved):
+            return intensities.at(self._louder[number - len(self._moved)], chunk, rows, still)
+        moving = _Moving(*(part[..., number] for part in follows))
+        return _turned(
+            model, self._moved[number], log_noise, chunk, leap, rows, moving, self._steps[number]
+        )
 
 
 class _Moving(NamedTuple):
@@ -224,14 +248,12 @@ def _turned(
     means: Means,
     log_noise: Noise,
     chunk: Chunk,
-    start: Belief,
+    leap: Float[Array, "sample state"],
     rows: Linearised,
-    done: Filtered,
-    earlier: Belief,
     moving: _Moving,
     size: Float[Array, ""],
-) -> tuple[Belief, Changed]:
-    """What a parameter changes, its step of `size` taken in `means`.
+) -> Linearised:
+    """The rows with a parameter's step of `size` taken in `means`.
 
     Matrices are those about the flight that has moved with it, offsets those that moved it there.
     """
@@ -241,31 +263,32 @@ def _turned(
         chunk.row,
     )
     about = aided_smoother.linearised(model, means, log_noise, shifted)
-    other = about._replace(
-        offset=rows.offset + size * moving.motion,
+    carried = jnp.einsum("kij,kj->ki", about.transition - rows.transition, leap)
+    return about._replace(
+        offset=rows.offset + carried + size * moving.motion,
         residual=rows.residual + size * moving.seen,
     )
-    return _paired(*linear_filter.change(start, rows, done, other, earlier))
 
 
 @jax.jit
-def _blown(
-    log_noise: Noise,
-    chunk: Chunk,
+def _changes(
     start: Belief,
     rows: Linearised,
     done: Filtered,
-    earlier: Belief,
-    still: intensities.Still,
-) -> tuple[Belief, Changed]:
-    """What other intensities change."""
-    other = intensities.at(log_noise, chunk, rows, still)
-    return _paired(*linear_filter.change(start, rows, done, other, earlier))
-
-
-def _paired(belief: Belief, changed: Changed) -> tuple[Belief, Changed]:
+    others: Sequence[Linearised],
+    earlier: Sequence[Belief],
+) -> list[tuple[Belief, Changed]]:
+    """What other rows change, several side by side, which takes half the time."""
     first, second, _ = _pairs(aided.ROW_COUNT)
-    return belief, changed._replace(spread=changed.spread[:, first, second])
+    stacked, begun = (
+        jax.tree.map(lambda *parts: jnp.stack(parts), *all_) for all_ in (others, earlier)
+    )
+    change = jax.vmap(linear_filter.change, in_axes=(None, None, None, 0, 0))
+    beliefs, told = change(start, rows, done, stacked, begun)
+    told = told._replace(spread=told.spread[..., first, second])
+    return [
+        jax.tree.map(lambda part, at=at: part[at], (beliefs, told)) for at in range(len(others))
+    ]
 
 
 def _moved(state: State, error: Float[Array, "sample state"]) -> State:

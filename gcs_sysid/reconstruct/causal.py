@@ -109,7 +109,7 @@ def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> li
     found, last = [], None
     for chunk in path.chunks:
         rows = aided_smoother.linearised(model, means, log_noise, chunk)
-        leap = _leaps(ends(chunk, last), chunk.before)
+        leap = leaps(ends(chunk, last), chunk.before)
         carried = jnp.einsum("kij,kj->ki", rows.transition, leap)
         found.append(rows._replace(offset=rows.offset + carried))
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
@@ -225,7 +225,8 @@ def ends(chunk: Chunk, last: State | None) -> State:
 
 
 @jax.jit
-def _leaps(first: State, second: State) -> Float[Array, "sample state"]:
+def leaps(first: State, second: State) -> Float[Array, "sample state"]:
+    """By how much a row ends beside where the next one begins."""
     return jax.vmap(aided.difference)(first, second)
 
 
@@ -351,29 +352,3 @@ def _carried(
         sensitivity,
         (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
     )
-
-
-class Carried:
-    """Sensitivities at held gains, chunk after chunk of one flight.
-
-    Args:
-        model: the aircraft.
-        means: parameters of the mean.
-        log_noise: log intensities.
-        asked: which parameters.
-    """
-
-    def __init__(
-        self, model: FlightModel, means: Means, log_noise: Noise, asked: Int[np.ndarray, " asked"]
-    ) -> None:
-        self._at = (model, means, log_noise)
-        self._asked = jnp.asarray(asked)
-        self._sensitivity = jnp.zeros((aided.SIZE, asked.size))
-
-    def chunk(
-        self, chunk: Chunk, rows: Linearised, done: linear_filter.Filtered
-    ) -> Float[np.ndarray, "sample row asked"]:
-        """Whitened sensitivities of the next chunk's innovations."""
-        motion, seen = sensitivities(*self._at, chunk, rows, self._asked)
-        self._sensitivity, white = _carried(self._sensitivity, rows, done, motion, seen)
-        return np.array(white)

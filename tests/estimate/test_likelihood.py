@@ -1,0 +1,106 @@
+"""Slope and information of the likelihood against the filter run again."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from gcs_sysid.estimate import likelihood
+from gcs_sysid.reconstruct import aided_smoother, causal
+from gcs_sysid.reconstruct.causal import Path
+from tests.estimate import made_flight as made
+
+pytestmark = pytest.mark.slow
+
+KNOWN = made.unknowns(1.0)
+FLAT, UNRAVEL = ravel_pytree(KNOWN.means)
+LOGS, UNRAVEL_LOGS = ravel_pytree(KNOWN.log_noise)
+DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_chunks() -> None:
+    # Two chunks, so that what is carried from one to the next counts.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
+        yield
+
+
+@pytest.fixture(scope="module")
+def path() -> Path:
+    flight = made.made_flight()
+    return run(FLAT, LOGS, causal.along(flight.rows, flight.nominal, flight.beginning))[0]
+
+
+def run(values: jax.Array, logs: jax.Array, path: Path) -> tuple[Path, list]:
+    """The filter about the flight that it predicts itself."""
+    for _ in range(4):
+        rows = causal.joined(made.MODEL, UNRAVEL(values), UNRAVEL_LOGS(logs), path)
+        path, _, steps = causal.filtered(path, rows)
+    return path, steps
+
+
+@pytest.fixture(scope="module")
+def asked(path: Path) -> likelihood.Instruments:
+    free = np.arange(FLAT.size) < DERIVATIVES + 7, np.ones(LOGS.size, dtype=bool)
+    # No vanes: nothing is to be known of their noise.
+    free[1][-1] = False
+    sizes = np.full(FLAT.size, 1e-4)
+    every = np.ones(made.COUNT, dtype=bool)
+    return likelihood.instruments(made.MODEL, *KNOWN, path, every, free, sizes)
+
+
+def differences(index: int, path: Path) -> tuple[float, np.ndarray, np.ndarray]:
+    """Of log-likelihood, whitened innovations and their covariance, by an unknown."""
+    size = 1e-4
+    count, ends = DERIVATIVES + 7, []
+    for sign in (1.0, -1.0):
+        if index < count:
+            _, steps = run(FLAT.at[index].add(sign * size), LOGS, path)
+        else:
+            _, steps = run(FLAT, LOGS.at[index - count].add(sign * size), path)
+        ends.append(jax.tree.map(lambda *parts: np.concatenate(parts), *steps))
+    _, steps = run(FLAT, LOGS, path)
+    here = jax.tree.map(lambda *parts: np.concatenate(parts), *steps)
+    factors = [np.linalg.inv(end.root) for end in ends]
+    raw = [np.einsum("kij,kj->ki", f, end.whitened) for f, end in zip(factors, ends, strict=True)]
+    spreads = [f @ f.swapaxes(1, 2) for f in factors]
+    turned = here.root @ ((spreads[0] - spreads[1]) / (2 * size)) @ here.root.swapaxes(1, 2)
+    change = np.einsum("kij,kj->ki", here.root, (raw[0] - raw[1]) / (2 * size))
+    slope = (ends[0].log_likelihood.sum() - ends[1].log_likelihood.sum()) / (2 * size)
+    return slope, change, turned
+
+
+def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) -> None:
+    """Of every unknown by itself, and of each with the first; the path follows."""
+    _, steps = run(FLAT, LOGS, path)
+    white = np.concatenate([done.whitened for done in steps])
+    found = likelihood.scores(asked, white).sum(axis=0)
+    size = np.sqrt(np.diagonal(asked.information))
+    _, first, first_turned = differences(0, path)
+    for index in range(len(found)):
+        slope, change, turned = differences(index, path)
+        told = np.sum(change**2) + 0.5 * np.sum(turned * turned.swapaxes(1, 2))
+        both = np.sum(first * change) + 0.5 * np.sum(first_turned * turned.swapaxes(1, 2))
+        # The path moves as it would with the gains held.
+        assert found[index] / size[index] == pytest.approx(slope / size[index], abs=0.1), index
+        assert asked.information[index, index] == pytest.approx(told, rel=0.05), index
+        scale = size[0] * size[index]
+        assert asked.information[0, index] / scale == pytest.approx(both / scale, abs=0.03), index
+
+
+def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
+    free = np.arange(FLAT.size) < 2, np.zeros(LOGS.size, dtype=bool)
+    half = np.arange(made.COUNT) < made.COUNT // 2
+    sizes = np.full(FLAT.size, 1e-4)
+    both = [
+        likelihood.instruments(made.MODEL, *KNOWN, path, counts, free, sizes).information
+        for counts in (half, ~half)
+    ]
+    np.testing.assert_allclose(both[0] + both[1], asked.information[:2, :2], rtol=1e-5)
+    assert np.all(np.diagonal(both[0]) > 0.0)
+    assert np.all(np.diagonal(both[1]) > 0.0)
+    assert jnp.isfinite(both[0]).all()
