@@ -29,6 +29,8 @@ from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.linear_filter import Belief
 
+TURNS = 6
+"""Over the whole flight, before the likelihood's own steps."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 
@@ -86,7 +88,10 @@ def fit(
         near: whether `first` is near what is sought.
     """
     begun = settling.settle(
-        model, flight, first, beliefs, counts, progress, near=near, enough=settling.ROUGHLY
+        *(model, flight, first, beliefs, counts, progress),
+        near=near,
+        enough=settling.ROUGHLY,
+        turns=TURNS,
     )
     done = scoring.climbed(model, first.means, begun, beliefs, progress)
     unknowns = done.unknowns

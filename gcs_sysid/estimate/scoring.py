@@ -32,7 +32,7 @@ NEAR = 0.25
 Intensities of what is hardly there go on: less of nothing is still nothing."""
 RENEWED = 20.0
 """Where steps promised more than this together, the instruments are made anew [nat]."""
-SETS = 2
+SETS = 3
 """Times that instruments are made."""
 SLACK = 0.5
 """A step may lose so much [nat]: instruments are those of a point nearby."""

@@ -109,6 +109,7 @@ def settle(
     *,
     near: bool = False,
     enough: tuple[float, float] = ENOUGH,
+    turns: int = TURNS,
 ) -> Settled:
     """Settles a flight.
 
@@ -121,6 +122,7 @@ def settle(
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
         enough: what ends the search.
+        turns: over the whole flight, at most.
     """
     if not near:
         part, every = flight, counts
@@ -134,7 +136,7 @@ def settle(
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
-    return _turns(model, flight, first, beliefs, counts, TURNS, enough, progress, oriented=False)
+    return _turns(model, flight, first, beliefs, counts, turns, enough, progress, oriented=False)
 
 
 def _neared(

@@ -57,7 +57,7 @@ def test_a_settled_path_is_what_the_filter_predicts(flight) -> None:
 def test_row_by_row_on_filterpy_it_is_the_same_filter(flight) -> None:
     """Predicted states, whitened innovations and covariances, to 1e-9."""
     known = made.unknowns(1.0)
-    path = settled(flight, known.means, rounds=8)
+    path = settled(flight, known.means, rounds=12)
     rows = causal.joined(made.MODEL, known.means, known.log_noise, path)
     _, _, steps = causal.filtered(path, rows)
     noise = aided_smoother.positive(known.log_noise)
