@@ -90,7 +90,6 @@ def fit(
     begun = settling.settle(
         *(model, flight, first, beliefs, counts, progress),
         near=near,
-        enough=settling.ROUGHLY,
         turns=TURNS,
     )
     done = scoring.climbed(model, first.means, begun, beliefs, progress)

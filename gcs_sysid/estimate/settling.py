@@ -56,11 +56,10 @@ HALF = 0.5
 """Share of what was expected that a change counts as at least: no step more than doubles."""
 LEAST_CURVED, MOST_CURVED = 0.1, 5.0
 """A slope that changed by less or more than so many times what was expected is not believed."""
-ENOUGH, ROUGHLY = (0.3, 2.0), (2.0, 10.0)
+ENOUGH = (2.0, 10.0)
 """A turn that would gain less than the one, of mean and intensities together, and has gained less
 than the other over the best before, ends the search [nat]. Where the gains take most of the
-information away, two nats more to gain were three deviations of a roll derivative; `ROUGHLY` is
-for those who look farther from there by linear algebra."""
+information away this is not the end of it: see `scoring`."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,6 @@ def settle(
     progress: Callable[[str], None],
     *,
     near: bool = False,
-    enough: tuple[float, float] = ENOUGH,
     turns: int = TURNS,
 ) -> Settled:
     """Settles a flight.
@@ -121,7 +119,6 @@ def settle(
         counts: rows from which the parameters of the mean are taken.
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
-        enough: what ends the search.
         turns: over the whole flight, at most.
     """
     if not near:
@@ -130,13 +127,11 @@ def settle(
             begin = busiest(flight, STRETCH)
             part, every = cut(flight, begin), counts[begin]
         first = _neared(model, part, first, beliefs, every, progress)
-        begun = _turns(
-            model, part, first, beliefs, every, FIRST_TURNS, enough, progress, oriented=True
-        )
+        begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress, oriented=True)
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
-    return _turns(model, flight, first, beliefs, counts, turns, enough, progress, oriented=False)
+    return _turns(model, flight, first, beliefs, counts, turns, progress, oriented=False)
 
 
 def _neared(
@@ -183,7 +178,6 @@ def _turns(
     beliefs: Beliefs,
     counts: Bool[np.ndarray, " sample"],
     turns: int,
-    enough: tuple[float, float],
     progress: Callable[[str], None],
     *,
     oriented: bool,
@@ -213,7 +207,7 @@ def _turns(
         if density > best.density:
             best = _Turn(density, values, search.log_noise, path)
         move, gain, before = _newton(done, beliefs, values, before)
-        if gain + search.gained < enough[0] and grown < enough[1]:
+        if gain + search.gained < ENOUGH[0] and grown < ENOUGH[1]:
             ended = True
             break
         values = values + move

@@ -175,7 +175,6 @@ def settle(
         fitted,
         progress,
         near=start is not None,
-        enough=settling.ROUGHLY,
     )
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise RefusedError(

@@ -95,19 +95,20 @@ def made_flight() -> Flight:
     )
 
     @jax.jit
-    def ahead(now: State, row: Row, shock: jax.Array) -> tuple[State, jax.Array]:
+    def ahead(now: State, row: Row, white: jax.Array) -> tuple[State, jax.Array]:
         moved = aided.advance(AIRCRAFT, means, noise, now, row)
-        moved = aided.compose(moved, shock)
+        mechanics = aided.jacobian(AIRCRAFT, means, now, row, 1)
+        half = aided.half_transition(mechanics, aided.decay(noise), row.step)
+        spread = aided.process(half, row.step, aided.driving(noise))
+        root = jnp.linalg.cholesky(spread + 1e-20 * jnp.eye(aided.SIZE))
+        moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
         return moved, aided.innovation(AIRCRAFT, means, moved, row)
 
-    size = np.sqrt(STEP * np.asarray(aided.process_density(noise)))
-    shape = np.asarray(aided.noise_shape(noise.turbulence))
     white = np.sqrt(np.asarray(aided.measurement_variance(noise)))
     states, seen = [], []
     for index in range(COUNT):
         row = jax.tree.map(lambda part, index=index: part[index], rows)
-        shock = shape @ (size * rng.standard_normal(aided.SIZE)) * (index > 0)
-        state, left = ahead(state, row, jnp.asarray(shock))
+        state, left = ahead(state, row, jnp.asarray(rng.standard_normal(aided.SIZE)))
         states.append(state)
         # What a perfect sensor would read is what leaves no innovation.
         seen.append(-np.asarray(left) + white * rng.standard_normal(aided.ROW_COUNT))

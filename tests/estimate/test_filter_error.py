@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,31 +11,42 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.estimate import filter_error, intensities
+from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
-from gcs_sysid.reconstruct import aided_smoother
+from gcs_sysid.reconstruct import aided_smoother, causal
 from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(autouse=True)
-def _short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(aided_smoother, "CHUNK", made.COUNT)
-    monkeypatch.setattr(intensities, "SAMPLE_ROWS", made.COUNT)
+FIRST, WRONG = made.unknowns(1.0), made.unknowns(0.7)
+DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
 
 
-def test_derivatives_a_third_wrong_come_back_within_their_bounds() -> None:
-    first, wrong = made.unknowns(1.0), made.unknowns(0.7)
-    mean = np.asarray(ravel_pytree(wrong.means)[0])
-    count = sum(len(terms) for terms in made.TERMS.values())
-    sigma = np.where(np.arange(mean.size) < count, 1e3, 0.0)
-    held = jax.tree.map(jnp.zeros_like, first.log_noise)
+@pytest.fixture(scope="module", autouse=True)
+def _short_chunks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        # Those of `test_likelihood`, so that they are compiled once.
+        patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
+        patch.setattr(intensities, "SAMPLE_ROWS", made.COUNT // 2)
+        yield
+
+
+@pytest.fixture(scope="module")
+def found(_short_chunks: None) -> Fit:
+    """From derivatives a third wrong, of which nothing was believed."""
+    mean = np.asarray(ravel_pytree(WRONG.means)[0])
+    sigma = np.where(np.arange(mean.size) < DERIVATIVES, 1e3, 0.0)
+    held = jax.tree.map(jnp.zeros_like, FIRST.log_noise)
     free = held._replace(gyro=jnp.asarray(1.0), accelerometer=jnp.asarray(1.0))
-    beliefs = Beliefs(mean, np.diag(sigma**2), Prior(first.log_noise, free))
+    beliefs = Beliefs(mean, np.diag(sigma**2), Prior(FIRST.log_noise, free))
     every = np.ones(made.COUNT, dtype=bool)
-    found = filter_error.fit(made.MODEL, made.made_flight(), wrong, beliefs, every, lambda _: None)
+    return filter_error.fit(made.MODEL, made.made_flight(), WRONG, beliefs, every, lambda _: None)
+
+
+def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
     assert found.converged
     deviation = np.sqrt(np.diagonal(found.covariance))
     for index, (name, key) in enumerate(found.keys):
@@ -47,6 +60,28 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds() -> None:
     elevator = found.keys.index(("Cm", "elevator"))
     assert deviation[elevator] < 0.1 * abs(made.TERMS["Cm"]["elevator"])
     assert float(found.unknowns.log_noise.gyro) == pytest.approx(np.log(0.004), abs=0.15)
+
+
+def test_no_derivative_a_deviation_away_is_likelier(found) -> None:
+    """The end is a maximum, as curved as the information says of eight seconds: by a half or so."""
+    flat, unravel = ravel_pytree(found.unknowns.means)
+    flight = made.made_flight()
+    path = causal.along(flight.rows, flight.nominal, flight.beginning)
+
+    def log_likelihood(values: jax.Array) -> float:
+        about = path
+        for _ in range(4):
+            rows = causal.joined(made.MODEL, unravel(values), found.unknowns.log_noise, about)
+            about, _, steps = causal.filtered(about, rows)
+        return float(sum(done.log_likelihood.sum() for done in steps))
+
+    here, sure = log_likelihood(flat), np.linalg.inv(found.bound)
+    for index, size in enumerate(np.sqrt(np.diagonal(found.bound))):
+        ends = [log_likelihood(flat.at[index].add(sign * size)) for sign in (1.0, -1.0)]
+        lost = here - 0.5 * sum(ends)
+        assert lost == pytest.approx(0.5 * size**2 * sure[index, index], rel=0.5), index
+        # A slope of a quarter of a deviation is left at most.
+        assert abs(ends[0] - ends[1]) / 2.0 < 0.3 * np.sqrt(2.0 * lost), index
 
 
 def test_what_no_row_tells_is_infinite() -> None:

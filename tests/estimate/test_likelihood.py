@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +24,7 @@ DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _short_chunks() -> None:
+def _short_chunks() -> Iterator[None]:
     # Two chunks, so that what is carried from one to the next counts.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
@@ -35,9 +37,9 @@ def path() -> Path:
     return run(FLAT, LOGS, causal.along(flight.rows, flight.nominal, flight.beginning))[0]
 
 
-def run(values: jax.Array, logs: jax.Array, path: Path) -> tuple[Path, list]:
-    """The filter about the flight that it predicts itself."""
-    for _ in range(4):
+def run(values: jax.Array, logs: jax.Array, path: Path, times: int = 4) -> tuple[Path, list]:
+    """The filter about the flight that it predicts itself, or once about the one given."""
+    for _ in range(times):
         rows = causal.joined(made.MODEL, UNRAVEL(values), UNRAVEL_LOGS(logs), path)
         path, _, steps = causal.filtered(path, rows)
     return path, steps
@@ -61,7 +63,7 @@ def differences(index: int, path: Path) -> tuple[float, np.ndarray, np.ndarray]:
         if index < count:
             _, steps = run(FLAT.at[index].add(sign * size), LOGS, path)
         else:
-            _, steps = run(FLAT, LOGS.at[index - count].add(sign * size), path)
+            _, steps = run(FLAT, LOGS.at[index - count].add(sign * size), path, times=1)
         ends.append(jax.tree.map(lambda *parts: np.concatenate(parts), *steps))
     _, steps = run(FLAT, LOGS, path)
     here = jax.tree.map(lambda *parts: np.concatenate(parts), *steps)
@@ -75,7 +77,10 @@ def differences(index: int, path: Path) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) -> None:
-    """Of every unknown by itself, and of each with the first; the path follows."""
+    """Of every unknown by itself, and of each with the first.
+
+    The path follows parameters; intensities hardly move it.
+    """
     _, steps = run(FLAT, LOGS, path)
     white = np.concatenate([done.whitened for done in steps])
     found = likelihood.scores(asked, white).sum(axis=0)
@@ -86,10 +91,10 @@ def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) ->
         told = np.sum(change**2) + 0.5 * np.sum(turned * turned.swapaxes(1, 2))
         both = np.sum(first * change) + 0.5 * np.sum(first_turned * turned.swapaxes(1, 2))
         # The path moves as it would with the gains held.
-        assert found[index] / size[index] == pytest.approx(slope / size[index], abs=0.1), index
-        assert asked.information[index, index] == pytest.approx(told, rel=0.05), index
+        assert found[index] / size[index] == pytest.approx(slope / size[index], abs=0.03), index
+        assert asked.information[index, index] == pytest.approx(told, rel=0.02), index
         scale = size[0] * size[index]
-        assert asked.information[0, index] / scale == pytest.approx(both / scale, abs=0.03), index
+        assert asked.information[0, index] / scale == pytest.approx(both / scale, abs=0.01), index
 
 
 def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
