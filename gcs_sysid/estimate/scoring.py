@@ -56,7 +56,7 @@ class Scored:
         blocks: scores of every so many rows.
         precision: of the beliefs about what was sought.
         whitened: innovations there.
-        log_likelihood: of the rows that count, after each step.
+        log_likelihood: of the rows that count, where the steps began and after each.
         ended: whether nothing more was to be gained.
     """
 
@@ -75,6 +75,10 @@ class Scored:
         blocks, seen = self.blocks[:, :count], np.diagonal(self.information)[:count]
         spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
         return max(float(np.median(spread[seen > 0.0] / seen[seen > 0.0])), 1.0)
+
+
+class LostError(Exception):
+    """The filter lost the aircraft: nothing that it says of the flight is a number."""
 
 
 class _Point(NamedTuple):
@@ -100,15 +104,16 @@ def climbed(
         settled: where to begin.
         beliefs: about everything.
         progress: told about every step.
+
+    Raises:
+        LostError: the filter lost the aircraft.
     """
     sigma = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
     centre = np.asarray(ravel_pytree(beliefs.noise.mean)[0])
     free = (np.diagonal(beliefs.covariance) > 0.0, sigma > 0.0)
     found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
-    precision = np.zeros((found.size + noises.size,) * 2)
-    precision[: found.size, : found.size] = np.linalg.inv(beliefs.covariance[np.ix_(found, found)])
-    places = found.size + np.arange(noises.size)
-    precision[places, places] = 1.0 / sigma[noises] ** 2
+    precision = np.diag(np.concatenate([np.zeros(found.size), 1.0 / sigma[noises] ** 2]))
+    precision[: found.size, : found.size] = inverse(beliefs.covariance[np.ix_(found, found)])
 
     def off(point: _Point) -> Unknown:
         logs = np.asarray(ravel_pytree(point.log_noise)[0])
@@ -143,6 +148,8 @@ def climbed(
         asked = likelihood.instruments(
             model, means, here.log_noise, here.path, settled.fitted, free, sizes
         )
+        if not np.isfinite(asked.information).all() or not np.isfinite(here.log_likelihood):
+            raise LostError
         matrix, hoped, ended = asked.information + precision, 0.0, False
         deviation = np.sqrt(np.diagonal(inverse(matrix)))
         for _ in range(STEPS):

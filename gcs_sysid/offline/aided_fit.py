@@ -24,6 +24,7 @@ from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
 from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.result import AeroModel, Prior
+from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import aided_flight, aided_states
@@ -35,8 +36,8 @@ LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
 STILL_GROWING = 10.0
-"""A search that has not ended, and whose log-likelihood changed by more than this over its last
-turn, has found nothing [nat]."""
+"""A search that has not ended, and whose log-likelihood changed by more than this with its last
+step, has found nothing [nat]."""
 
 
 class UnsettledError(Exception):
@@ -199,16 +200,23 @@ def _fit(
     if rows.rows.step.shape[0] > LONGEST:
         begin = flight_rows.busiest(rows, LONGEST)
         rows, counts = flight_rows.cut(rows, begin), counts[begin]
-    fit = filter_error.fit(model, rows, first, _beliefs(item, found), counts, progress, near=near)
-    reached = fit.log_likelihood
-    grown = reached[-1] - reached[-2]
-    if not np.isfinite(reached[-1]) or not (fit.converged or abs(grown) < STILL_GROWING):
+    off = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
+    source, before = item.one.recording.source, _beliefs(item, found)
+    try:
+        fit = filter_error.fit(model, rows, first, before, counts, progress, near=near)
+    except LostError as error:
+        raise UnsettledError(f"{source}: the filter lost the aircraft: {off}") from error
+    if not fit.converged and abs(_grown(fit)) > STILL_GROWING:
         raise UnsettledError(
-            f"{item.one.recording.source}: the likelihood of the model inside the filter still "
-            f"changed by {grown:.0f} a turn: mass, inertia, signs of the controls or the thrust of "
-            "the aircraft file may be far off"
+            f"{source}: the likelihood of the model inside the filter still changed by "
+            f"{_grown(fit):.0f} a step: {off}"
         )
     return fit
+
+
+def _grown(fit: Fit) -> float:
+    """Change of the log-likelihood by the last step [nat]."""
+    return fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
 
 
 def _beliefs(item: _Prepared, found: Derivatives) -> Beliefs:
@@ -243,11 +251,10 @@ def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight
 
 
 def _unended(item: _Prepared, fit: Fit) -> str:
-    changed = fit.log_likelihood[-1] - fit.log_likelihood[-2]
     return (
         f"{item.one.recording.source}: the search inside the filter stopped before it had settled "
-        f"(the log-likelihood still changed by {changed:+.0f} a turn): take its intervals as too "
-        "narrow, and check mass, inertia and the terms of the aircraft file"
+        f"(the log-likelihood still changed by {_grown(fit):+.0f} a step): take its intervals as "
+        "too narrow, and check mass, inertia and the terms of the aircraft file"
     )
 
 

@@ -224,9 +224,8 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
         rows.append((words, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
     table.show(
         f"{name}_models",
-        f"{title}: error on another flight in % of the spread, and what the information at the "
-        "filter's gains lets expect",
-        ("", "error", "expected", "ratio"),
+        f"{title}: error on another flight in % of the spread, beside the Cramér–Rao bound",
+        ("", "error", "bound", "ratio"),
         rows,
     )
     off = {
@@ -286,8 +285,7 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
     )
     table.show(
         f"{name}_derivatives",
-        f"{title}: mean and spread of (found − true)/sd, share within 95 %, sd over that at held "
-        "gains",
+        f"{title}: mean and spread of (found − true)/sd, share within 95 %, sd over the bound",
         ("derivative", "mean", "spread", "hold", "sd"),
         [
             (
