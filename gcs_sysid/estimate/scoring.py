@@ -30,7 +30,7 @@ STEPS = 8
 NEAR = 0.25
 """A step that moves every parameter of the mean by less than so many deviations ends the search.
 Intensities of what is hardly there go on: less of nothing is still nothing."""
-RENEWED = 20.0
+RENEWED = 100.0
 """Where steps promised more than this together, the instruments are made anew [nat]."""
 SETS = 3
 """Times that instruments are made."""

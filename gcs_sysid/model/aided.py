@@ -5,7 +5,7 @@ are *measurements* of a motion that aerodynamics, thrust and gusts bring about. 
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, the air of `air`,
-and the slow errors of the sources of attitude and velocity. The error state has 25 rows (`BLOCKS`),
+and the slow errors of the sources of attitude and velocity. The error state has 28 rows (`BLOCKS`),
 additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
 equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
@@ -40,12 +40,13 @@ BLOCKS: dict[str, slice] = {
     "wind": slice(9, 12),
     "gust": slice(12, 15),
     "spin": slice(15, 18),
-    "attitude_error": slice(18, 21),
-    "push": slice(21, 22),
-    "velocity_error": slice(22, 25),
+    "memory": slice(18, 21),
+    "attitude_error": slice(21, 24),
+    "push": slice(24, 25),
+    "velocity_error": slice(25, 28),
 }
 """Where each part of the error state lies."""
-SIZE = 25
+SIZE = 28
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
     "accelerometer": slice(3, 6),
@@ -232,6 +233,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
             moving.wind + error[BLOCKS["wind"]],
             moving.gust + error[BLOCKS["gust"]],
             moving.spin + error[BLOCKS["spin"]],
+            moving.memory + error[BLOCKS["memory"]],
         ),
         state.attitude_error + error[BLOCKS["attitude_error"]],
         state.push + error[BLOCKS["push"]],
@@ -250,6 +252,7 @@ def difference(first: State, second: State) -> Float[Array, " state"]:
             first.air.wind - second.air.wind,
             first.air.gust - second.air.gust,
             first.air.spin - second.air.spin,
+            first.air.memory - second.air.memory,
             first.attitude_error - second.attitude_error,
             first.push - second.push,
             first.velocity_error - second.velocity_error,
@@ -549,8 +552,8 @@ def decay(noise: Noise) -> Float[Array, "slow slow"]:
     """How the air and the slow errors change by themselves."""
 
     def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
-        wind, gust, spin, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 13))
-        moving = air.drift(Air(wind, gust, spin), noise.turbulence)
+        *blown, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 15, 16))
+        moving = air.drift(Air(*blown), noise.turbulence)
         tilted = tilted / _of_axes(noise.attitude_error_time)
         slow = (tilted, push / PUSH_TIME, tracked / noise.velocity_error_time)
         return jnp.concatenate([*moving, *(-part for part in slow)])

@@ -1,17 +1,27 @@
 """The air that an aircraft flies through: steady wind, gusts, and the gusts' own rotation.
 
-Gusts are first-order Gauss–Markov processes of translation g and rotation s in level axes (north,
-east, down), each kept at its own intensity σ with correlation time T. The field that carries a gust
-past the aircraft also turns it: MIL-F-8785C (1980, section 3.7.2) makes pitching and yawing gusts
-high-passed copies of the vertical and lateral ones, so s is driven by the changes of g as well,
+Gusts have Dryden's spectra (MIL-F-8785C, 1980, section 3.7.1) in axes along their field, across it,
+and down, each with its own intensity σ and time T: of first order along, and across and down
 
-    dg = −g/T_g dt + σ_g √(2/T_g) dW        ds = −s/T_s dt + C dg + σ_s √(2/T_s) dW′
+    g(s) = σ √T (1 + √3 T s)/(1 + T s)² W(s)
 
-in axes along the field, across it, and down: C holds one number for the vertical gust that turns
-the air about the axis across, and one for the gust across that turns it about down [rad/m], π/4 and
-π/3 over the span by the specification. Which way the field lies is unknown, the azimuth ψ. The
-aerodynamics feel the velocity less wind and gust, and the rate less s. The steady wind drifts as a
-random walk.
+with a memory z = g(s)/(1 + T s) beside g,
+
+    dg = (−g + (1 − √3) x)/T dt + σ √(3/T) dW     dz = (x − z)/T dt     x = (g − (1 − √3) z)/√3
+
+The field that carries a gust past the aircraft also turns it: the specification (section 3.7.2)
+makes pitching and yawing gusts high-passed copies of the vertical and lateral ones, so the gust's
+rotation s is driven by the changes of g as well,
+
+    ds = −s/T_s dt + C dg + σ_s √(2/T_s) dW′
+
+C holds one number for the vertical gust that turns the air about the axis across, and one for the
+gust across that turns it about down [rad/m], π/4 and π/3 over the span by the specification. A gyro
+that sees the rotation tells the gust, and how that dies out tells a constant of the flow angles:
+with gusts of first order across and down it comes out a tenth of a degree wrong, and is believed.
+
+Which way the field lies is unknown, the azimuth ψ. The aerodynamics feel the velocity less wind and
+gust, and the rate less s. The steady wind drifts as a random walk.
 """
 
 from __future__ import annotations
@@ -25,6 +35,10 @@ from jaxtyping import Float
 from gcs_sysid.frames import Array
 
 FOOT = 0.3048
+ROOT = np.sqrt(3.0)
+LATE = 1.0 - ROOT
+SECOND = np.array([0.0, 1.0, 1.0])
+"""Which axes of the field have gusts of second order."""
 WIND_DRIFT = 0.02
 """Random walk of the steady wind [m/s/√s]: half a metre a second in ten minutes."""
 
@@ -36,11 +50,13 @@ class Air(NamedTuple):
         wind: steady wind, blowing toward [m/s].
         gust: translation of the gust [m/s].
         spin: its rotation [rad/s].
+        memory: what decides how the gust goes on [m/s].
     """
 
     wind: Float[Array, " axis"]
     gust: Float[Array, " axis"]
     spin: Float[Array, " axis"]
+    memory: Float[Array, " axis"]
 
 
 class Turbulence(NamedTuple):
@@ -48,7 +64,7 @@ class Turbulence(NamedTuple):
 
     Attributes:
         gust: standard deviation of translation [m/s].
-        gust_time: correlation time, likewise [s].
+        gust_time: T, scale length over airspeed, likewise [s].
         spin: standard deviation of the rotation that the gust does not explain: the specification's
             own differ with the axis [rad/s].
         spin_time: correlation time, likewise [s].
@@ -79,12 +95,9 @@ def scale_lengths(height: float) -> tuple[float, float]:
 
 
 def correlation_times(height: float, airspeed: float) -> tuple[float, float, float]:
-    """Correlation time of gusts along the field, across it and down [s], as first-order processes.
-
-    Those that have Dryden's spectra at low frequency: L/V along and L/(2V) across the flight path.
-    """
+    """Times of gusts along the field, across it and down [s]: scale length over airspeed."""
     level, down = scale_lengths(height)
-    return level / airspeed, 0.5 * level / airspeed, 0.5 * down / airspeed
+    return level / airspeed, level / airspeed, down / airspeed
 
 
 def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, float, float]:
@@ -101,19 +114,23 @@ def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, 
 def drift(air: Air, turbulence: Turbulence) -> Air:
     """Mean rate of change of the air, in the fields of an `Air`."""
     turned = field_axes(turbulence)
-    gust = -turned @ ((turned.T @ air.gust) / turbulence.gust_time)
+    now, memory = turned.T @ air.gust, turned.T @ air.memory
+    inner = SECOND * (now - LATE * memory) / ROOT
+    gust = turned @ ((LATE * inner - now) / turbulence.gust_time)
+    later = turned @ ((inner - memory) / turbulence.gust_time)
     own = -turned @ ((turned.T @ air.spin) / turbulence.spin_time)
-    return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust)
+    return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust, later)
 
 
-def density(turbulence: Turbulence) -> Float[Array, " nine"]:
-    """Spectral density of the white noise that drives wind, gust and spin: 2 σ²/T.
+def density(turbulence: Turbulence) -> Float[Array, " twelve"]:
+    """Spectral density of the white noise that drives wind, gust, spin and memory.
 
-    Those of gust and spin are in the axes of the field, the spin's without what the gust brings.
+    2 σ²/T, and 3 σ²/T of gusts across and down. Those of gust and spin are in the axes of the
+    field, the spin's without what the gust brings.
     """
-    gust = 2.0 * turbulence.gust**2 / turbulence.gust_time
+    gust = (2.0 + SECOND) * turbulence.gust**2 / turbulence.gust_time
     spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
-    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), gust, spin])
+    return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), gust, spin, jnp.zeros(3)])
 
 
 def field_axes(turbulence: Turbulence) -> Float[Array, "axis axis"]:

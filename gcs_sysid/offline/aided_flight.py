@@ -59,6 +59,7 @@ START_DEVIATION = np.array(
     + [2.0, 2.0, 0.5]
     + [1.0] * 3
     + [0.06] * 3
+    + [1.0] * 3
     + [0.01] * 3
     + [0.1]
     + [0.1] * 3
@@ -358,7 +359,12 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         attitude=attitude,
         velocity=at(states.block("velocity")) - swing,
         rate=rate,
-        air=Air(at(states.block("wind")), at(states.block("gust")), np.zeros_like(rate)),
+        air=Air(
+            at(states.block("wind")),
+            at(states.block("gust")),
+            np.zeros_like(rate),
+            np.zeros_like(rate),
+        ),
         attitude_error=np.zeros_like(rate),
         push=np.zeros((time.size, 1)),
         velocity_error=np.zeros_like(rate),

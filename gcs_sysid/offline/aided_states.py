@@ -50,7 +50,8 @@ def refined(
             accelerometer=np.asarray(noise.accelerometer),
             gyro=np.asarray(noise.gyro),
             gust=np.array([level, level, gust[2]]),
-            gust_time=np.asarray(noise.turbulence.gust_time[2]),
+            # As a gust of first order with the same spectrum at low frequency.
+            gust_time=np.asarray(0.5 * noise.turbulence.gust_time[2]),
         ),
         airspeed=flow[:, 0],
         alpha=flow[:, 1],
