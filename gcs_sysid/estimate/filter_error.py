@@ -129,7 +129,7 @@ def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"],
     """Covariance of the parameters of the mean, and one deviation of everything; 0 where held."""
     means, noises = done.free
     known, logs = np.flatnonzero(means), np.zeros(noises.size)
-    found = scoring.inverse(done.information / done.scatter() + done.precision)
+    found = done.covariance()
     covariance = np.zeros((means.size, means.size))
     covariance[np.ix_(known, known)] = found[: known.size, : known.size]
     logs[noises] = np.sqrt(np.diagonal(found)[known.size :])
@@ -148,7 +148,7 @@ def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:
     flight says nothing; parameters that are held count as known, and have none.
     """
     free = np.flatnonzero(done.free[0][:count])
-    matrix = done.information + done.precision
+    matrix = done.asked.information + done.precision
     matrix[: free.size, : free.size] -= done.precision[: free.size, : free.size]
     size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))

@@ -44,10 +44,15 @@ class Instruments(NamedTuple):
 
     Attributes:
         chunks: T and V of each unknown, V as the pairs of `_pairs`; 0 in rows that are not asked.
-        information: Fisher's.
+            Of parameters that are not asked by the likelihood, J and no V.
+        slope: by how much an error of each unknown, in columns, moves the sums that `scores` makes.
+        scatter: of these sums, were innovations independent.
+        information: Fisher's, of T and V of all.
     """
 
     chunks: tuple[Changed, ...]
+    slope: Float[np.ndarray, "unknown unknown"]
+    scatter: Float[np.ndarray, "unknown unknown"]
     information: Float[np.ndarray, "unknown unknown"]
 
 
@@ -59,6 +64,7 @@ def instruments(
     counts: Bool[np.ndarray, " sample"],
     free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]],
     sizes: Float[np.ndarray, " parameter"],
+    by_likelihood: Bool[np.ndarray, " parameter"],
 ) -> Instruments:
     """Instruments of a flight.
 
@@ -71,25 +77,36 @@ def instruments(
         free: parameters and intensities that are asked about, in the order of `ravel_pytree`.
         sizes: one deviation of each parameter, over which matrices are taken as linear. A map of
             thrust has corners: over a step too small, a sample that crosses one seems to tell much.
+        by_likelihood: parameters that are found by the slope of the likelihood; the others by
+            sensitivities at held gains.
     """
     found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
     asked = _Asked(model, means, log_noise, path, found, noises, sizes[found])
     about = intensities.lined(model, means, path, log_noise)
     start, first, chunks = path.start, 0, []
-    information = np.zeros((found.size + noises.size,) * 2)
+    sums = np.zeros((3, found.size + noises.size, found.size + noises.size))
+    robust = np.flatnonzero(~by_likelihood[found])
     for chunk, rows, still in zip(path.chunks, *about[1:], strict=True):
         end, done = linear_filter.run(start, rows)
         wanted = np.zeros(chunk.row.step.size, dtype=bool)
         part = counts[first : first + wanted.size]
         wanted[: part.size] = part
-        changed = asked.chunk(chunk, start, rows, done, still, wanted)
-        flat = changed.innovation.reshape(len(information), -1).astype(float)
-        weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
-        wide = (changed.spread * weight).reshape(len(information), -1)
-        information += flat @ flat.T + wide @ wide.T
+        changed, held = asked.chunk(chunk, start, rows, done, still, wanted)
+        every = _flat(changed)
+        changed.innovation[robust], changed.spread[robust] = held[robust], 0.0
+        own = _flat(changed)
+        sums += np.stack([own @ every.T, own @ own.T, every @ every.T])
         chunks.append(changed)
         start, first = end, first + part.size
-    return Instruments(tuple(chunks), information)
+    return Instruments(tuple(chunks), *sums)
+
+
+def _flat(changed: Changed) -> Float[np.ndarray, "unknown part"]:
+    """T and V of a chunk so that their products are T·T + ½ tr(V V)."""
+    count = len(changed.innovation)
+    weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
+    parts = changed.innovation.reshape(count, -1), (changed.spread * weight).reshape(count, -1)
+    return np.concatenate(parts, axis=1)
 
 
 def scores(
@@ -157,11 +174,11 @@ class _Asked:
         done: Filtered,
         still: intensities.Still,
         wanted: Bool[np.ndarray, " sample"],
-    ) -> Changed:
-        """T and V of a chunk's rows that are wanted, an unknown each."""
+    ) -> tuple[Changed, Float[np.ndarray, "parameter sample row"]]:
+        """T and V of a chunk's rows that are wanted, an unknown each, and J of the parameters."""
         model, means, log_noise = self._at
         motion, seen = causal.sensitivities(model, means, log_noise, chunk, rows, self._found)
-        self._sensitivity, follows = _followed(self._sensitivity, rows, done, motion, seen)
+        self._sensitivity, follows, white = _followed(self._sensitivity, rows, done, motion, seen)
         leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
         self._last = jax.tree.map(lambda part: part[-1:], chunk.after)
         count, width = done.whitened.shape
@@ -180,7 +197,8 @@ class _Asked:
                 every.innovation[number, wanted] = np.asarray(told.innovation)[wanted]
                 every.spread[number, wanted] = np.asarray(told.spread)[wanted]
         steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
-        return Changed(*(part / steps.astype(np.float32)[:, None, None] for part in every))
+        held = np.where(wanted[:, None], np.moveaxis(np.asarray(white), 2, 0), 0.0)
+        return Changed(*(part / steps.astype(np.float32)[:, None, None] for part in every)), held
 
     def _other(
         self,
@@ -224,22 +242,22 @@ def _followed(
     done: Filtered,
     motion: Float[Array, "sample state parameter"],
     seen: Float[Array, "sample row parameter"],
-) -> tuple[Array, _Moving]:
-    """Sensitivity of the filter's mean at a chunk's end, and of its rows."""
+) -> tuple[Array, _Moving, Float[Array, "sample row parameter"]]:
+    """Sensitivity of the filter's mean at a chunk's end, of its rows, and of its innovations."""
     seen = jnp.where(rows.present[:, :, None], seen, 0.0)
 
     def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
         transition, view, root, gain, moved, changed = item
         predicted = transition @ now + moved
         white = root @ (changed - view @ predicted)
-        return predicted + gain.T @ white, (now, predicted)
+        return predicted + gain.T @ white, (now, predicted, white)
 
-    end, (before, after) = jax.lax.scan(
+    end, (before, after, white) = jax.lax.scan(
         ahead,
         sensitivity,
         (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
     )
-    return end, _Moving(before, after, motion, seen)
+    return end, _Moving(before, after, motion, seen), white
 
 
 @partial(jax.jit, static_argnums=0)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
@@ -20,6 +21,7 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import likelihood
 from gcs_sysid.estimate.flight_rows import Unknowns
+from gcs_sysid.estimate.likelihood import Instruments
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.reconstruct import causal
@@ -52,7 +54,7 @@ class Scored:
     Attributes:
         unknowns: parameters of the mean and intensities.
         free: parameters and intensities that were sought.
-        information: that the flight gives of it.
+        asked: what the flight was asked with.
         blocks: scores of every so many rows.
         precision: of the beliefs about what was sought.
         whitened: innovations there.
@@ -62,7 +64,7 @@ class Scored:
 
     unknowns: Unknowns
     free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]]
-    information: Float[np.ndarray, "unknown unknown"]
+    asked: Instruments
     blocks: Float[np.ndarray, "block unknown"]
     precision: Float[np.ndarray, "unknown unknown"]
     whitened: Float[np.ndarray, "sample row"]
@@ -72,9 +74,18 @@ class Scored:
     def scatter(self) -> float:
         """Variance of the blocks' scores over that of independent innovations, at least 1."""
         count = int(self.free[0].sum())
-        blocks, seen = self.blocks[:, :count], np.diagonal(self.information)[:count]
+        blocks, seen = self.blocks[:, :count], np.diagonal(self.asked.scatter)[:count]
         spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
         return max(float(np.median(spread[seen > 0.0] / seen[seen > 0.0])), 1.0)
+
+    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Of all that was sought (Godambe, Biometrika 72, 1985): A⁻¹ M A⁻ᵀ with the prior."""
+        factor = self.scatter()
+        scatter = self.asked.scatter / factor + self.precision
+        size = np.sqrt(np.diagonal(scatter))
+        unit = np.outer(size, size)
+        inner = np.linalg.inv((self.asked.slope / factor + self.precision) / unit)
+        return inner @ (scatter / unit) @ inner.T / unit
 
 
 class LostError(Exception):
@@ -134,6 +145,7 @@ def climbed(
         white = np.concatenate([step.whitened for step in steps])
         return _Point(values, log_noise, path, float(each[settled.fitted].sum()), white)
 
+    by_likelihood = np.asarray(ravel_pytree(_lags(like))[0]) > 0.0
     sizes = np.zeros(free[0].size)
     held = settled.last.told.matrix[np.ix_(found, found)] + precision[: found.size, : found.size]
     sizes[found] = np.sqrt(np.diagonal(inverse(held)))
@@ -146,12 +158,12 @@ def climbed(
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(
-            model, means, here.log_noise, here.path, settled.fitted, free, sizes
+            model, means, here.log_noise, here.path, settled.fitted, free, sizes, by_likelihood
         )
         if not np.isfinite(asked.information).all() or not np.isfinite(here.log_likelihood):
             raise LostError
-        matrix, hoped, ended = asked.information + precision, 0.0, False
-        deviation = np.sqrt(np.diagonal(inverse(matrix)))
+        matrix, hoped, ended = asked.slope + precision, 0.0, False
+        deviation = np.sqrt(np.diagonal(inverse(asked.information + precision)))
         for _ in range(STEPS):
             slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
             move = _solved(matrix, slope, 0.0)
@@ -174,7 +186,7 @@ def climbed(
     return Scored(
         unknowns=Unknowns(ravel_pytree(like)[1](jnp.asarray(here.values)), here.log_noise),
         free=free,
-        information=asked.information,
+        asked=asked,
         blocks=likelihood.scores(asked, here.whitened),
         precision=precision,
         whitened=here.whitened,
@@ -192,6 +204,12 @@ def inverse(matrix: Float[np.ndarray, "row row"]) -> Float[np.ndarray, "row row"
 def _solved(
     matrix: Float[np.ndarray, "unknown unknown"], slope: Unknown, damping: float
 ) -> Unknown:
-    size = np.sqrt(np.diagonal(matrix))
+    size = np.sqrt(np.abs(np.diagonal(matrix)))
     scaled = matrix / np.outer(size, size) + damping * np.eye(size.size)
     return np.linalg.solve(scaled, slope / size) / size
+
+
+def _lags(like: Means) -> Means:
+    """1 for what held gains know next to nothing of."""
+    none = jax.tree.map(jnp.zeros_like, like)
+    return none._replace(sensors=none.sensors._replace(moment_lag=jnp.ones(())))
