@@ -2,11 +2,11 @@
 
 The innovations of the aided filter are independent of the past if the model is right (Maine &
 Iliff, NASA RP-1138, 1985; Jategaonkar, *Flight Vehicle System Identification*, 2nd ed. 2015,
-chapter 5), and their density is the likelihood of everything. `settling` comes near its maximum by
-turns that take seconds, `scoring` to it by steps that know all that a filter changes.
+chapter 5). `settling` comes near what they say by turns that take seconds, `scoring` ends the
+search by steps that know all that a filter changes.
 
-Stated deviations are those of Fisher's information and the prior, wider where the scores of
-stretches of flight scatter more than independent innovations would make them.
+Stated deviations are those of the equations that are solved, with the prior, and wider where the
+scores of stretches of flight scatter more than independent innovations would make them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Slope of the innovations' likelihood and its information, with all that a filter changes.
+"""What a flight is asked: the likelihood's slope and information, with all that a filter changes.
 
 With ν ~ N(0, S) and S = L Lᵀ, w = L⁻¹ν, T = L⁻¹∂ν and V = L⁻¹ ∂S L⁻ᵀ (Schweppe, IEEE Trans.
 Information Theory 11, 1965; Gupta & Mehra, IEEE Trans. Automatic Control 19, 1974),
@@ -8,6 +8,9 @@ Information Theory 11, 1965; Gupta & Mehra, IEEE Trans. Automatic Control 19, 19
 T and V hold how gains change, of parameters and intensities alike, and how the flight that the
 filter predicts moves with a parameter. A constant of the angle of attack is made up for by the
 wind: about the flight as it was, slopes of curved coefficients would change and seem to tell it.
+
+In place of the slope a parameter can be asked by its sensitivity J at held gains, Σ −Jᵀw. An error
+e of all unknowns moves such sums by −A e, A = Σ Jᵀ T.
 """
 
 from __future__ import annotations

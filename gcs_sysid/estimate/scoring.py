@@ -1,10 +1,14 @@
-"""Parameters and intensities of greatest posterior density, together, by Fisher scoring.
+"""The last steps of a search: parameters and intensities together, with all that a filter changes.
 
 `settling` brings a flight near by turns that take seconds each: parameters by an equation that
-holds the gains, intensities with the parameters held. From there a few steps with the whole slope
-and the whole information go the rest of the way. That equation tells the lag of the moments from
-the surfaces' delay and the roll derivatives by little more than noise; the likelihood knows how
-gusts and noise come through them as well.
+holds the gains, intensities with the parameters held. Steps that hold neither go the rest of the
+way, to where the sums of `likelihood.scores` and the priors balance.
+
+Intensities and the lag of the moments are asked by the slope of the likelihood. Held gains tell
+that lag from the surfaces' delay by next to nothing, and with it the roll derivatives; the
+likelihood knows how gusts and noise come through as well. All other parameters are asked by
+sensitivities at held gains: those hang less on the gusts' spectrum being right, for deviations a
+tenth to a quarter wider than the bound.
 """
 
 from __future__ import annotations
@@ -145,7 +149,6 @@ def climbed(
         white = np.concatenate([step.whitened for step in steps])
         return _Point(values, log_noise, path, float(each[settled.fitted].sum()), white)
 
-    by_likelihood = np.asarray(ravel_pytree(_lags(like))[0]) > 0.0
     sizes = np.zeros(free[0].size)
     held = settled.last.told.matrix[np.ix_(found, found)] + precision[: found.size, : found.size]
     sizes[found] = np.sqrt(np.diagonal(inverse(held)))
@@ -158,7 +161,8 @@ def climbed(
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(
-            model, means, here.log_noise, here.path, settled.fitted, free, sizes, by_likelihood
+            *(model, means, here.log_noise, here.path, settled.fitted, free, sizes),
+            _by_likelihood(like),
         )
         if not np.isfinite(asked.information).all() or not np.isfinite(here.log_likelihood):
             raise LostError
@@ -209,7 +213,8 @@ def _solved(
     return np.linalg.solve(scaled, slope / size) / size
 
 
-def _lags(like: Means) -> Means:
-    """1 for what held gains know next to nothing of."""
+def _by_likelihood(like: Means) -> Bool[np.ndarray, " parameter"]:
+    """What held gains know next to nothing of: the lag of the moments."""
     none = jax.tree.map(jnp.zeros_like, like)
-    return none._replace(sensors=none.sensors._replace(moment_lag=jnp.ones(())))
+    chosen = none._replace(sensors=none.sensors._replace(moment_lag=jnp.ones(())))
+    return np.asarray(ravel_pytree(chosen)[0]) > 0.0

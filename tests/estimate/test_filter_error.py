@@ -13,9 +13,10 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid.estimate import filter_error, intensities
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
+from gcs_sysid.estimate.likelihood import Instruments
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
-from gcs_sysid.reconstruct import aided_smoother, causal
+from gcs_sysid.reconstruct import aided_smoother
 from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
@@ -54,34 +55,12 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
         # Four deviations in any of ten: a chance of 6e-4.
         assert abs(value - made.TERMS[name][key]) < 4.0 * deviation[index], (name, key)
     ratio = deviation / np.sqrt(np.diagonal(found.bound))
-    # Equal but for the scatter of four blocks.
-    assert ratio.min() == pytest.approx(ratio.max(), rel=0.01)
-    assert 0.99 < ratio.min() < 1.6
+    # What the gains add has its sign by chance in eight seconds, as has the scatter of four blocks.
+    assert ratio.min() > 0.9
+    assert ratio.max() < 1.7
     elevator = found.keys.index(("Cm", "elevator"))
     assert deviation[elevator] < 0.1 * abs(made.TERMS["Cm"]["elevator"])
     assert float(found.unknowns.log_noise.gyro) == pytest.approx(np.log(0.004), abs=0.15)
-
-
-def test_no_derivative_a_deviation_away_is_likelier(found) -> None:
-    """The end is a maximum, as curved as the information says of eight seconds: by a half or so."""
-    flat, unravel = ravel_pytree(found.unknowns.means)
-    flight = made.made_flight()
-    path = causal.along(flight.rows, flight.nominal, flight.beginning)
-
-    def log_likelihood(values: jax.Array) -> float:
-        about = path
-        for _ in range(4):
-            rows = causal.joined(made.MODEL, unravel(values), found.unknowns.log_noise, about)
-            about, _, steps = causal.filtered(about, rows)
-        return float(sum(done.log_likelihood.sum() for done in steps))
-
-    here, sure = log_likelihood(flat), np.linalg.inv(found.bound)
-    for index, size in enumerate(np.sqrt(np.diagonal(found.bound))):
-        ends = [log_likelihood(flat.at[index].add(sign * size)) for sign in (1.0, -1.0)]
-        lost = here - 0.5 * sum(ends)
-        assert lost == pytest.approx(0.5 * size**2 * sure[index, index], rel=0.5), index
-        # A slope of a quarter of a deviation is left at most.
-        assert abs(ends[0] - ends[1]) / 2.0 < 0.3 * np.sqrt(2.0 * lost), index
 
 
 def test_what_no_row_tells_is_infinite() -> None:
@@ -89,11 +68,12 @@ def test_what_no_row_tells_is_infinite() -> None:
     known = made.unknowns(1.0)
     parameters = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
     parameters[:3] = True
+    information = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]])
     intensities_ = np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)
     done = Scored(
         unknowns=known,
         free=(parameters, intensities_),
-        information=np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]),
+        asked=Instruments((), information, information, information),
         blocks=np.zeros((2, 3)),
         precision=np.diag([10.0, 10.0, 1.0]),
         whitened=np.zeros((1, 1)),
@@ -102,3 +82,21 @@ def test_what_no_row_tells_is_infinite() -> None:
     )
     bound = filter_error._bound(done, 2)
     np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
+
+
+def test_sums_that_move_less_are_known_less() -> None:
+    """Godambe: A⁻¹ M A⁻ᵀ, here 2⁻¹ · 4 · 2⁻¹."""
+    known = made.unknowns(1.0)
+    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
+    free[0] = True
+    done = Scored(
+        unknowns=known,
+        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
+        asked=Instruments((), np.array([[2.0]]), np.array([[4.0]]), np.array([[4.0]])),
+        blocks=np.zeros((2, 1)),
+        precision=np.zeros((1, 1)),
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=True,
+    )
+    np.testing.assert_allclose(done.covariance(), [[1.0]])

@@ -108,9 +108,10 @@ def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(flight) ->
         slope = (whitened[0] - whitened[1]) / (2.0 * size)
         # Within a step Simpson's rule stands for the scheme's own four stages.
         assert float(np.sum(slope**2)) == pytest.approx(done.told.matrix[index, index], rel=0.01)
+        # Its share of a score is one of chance: 0.025 deviations of this flight's.
         score = -float(np.sum(slope * done.whitened))
         assert score == pytest.approx(
-            done.told.score[index], abs=0.02 * np.sqrt(done.told.matrix[index, index])
+            done.told.score[index], abs=0.04 * np.sqrt(done.told.matrix[index, index])
         )
 
 
