@@ -47,6 +47,8 @@ BLOCKS: dict[str, slice] = {
 }
 """Where each part of the error state lies."""
 SIZE = 28
+ERRORS = ("attitude_error", "push", "velocity_error")
+"""Parts of the state that are errors of what is measured or known."""
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
     "accelerometer": slice(3, 6),
@@ -144,8 +146,7 @@ class Noise(NamedTuple):
         force: white noise of the acceleration [m/s²/√Hz].
         moment: of the angular acceleration about each axis [rad/s²/√Hz].
         attitude_error: slow error of the attitude source, tilt and heading [rad].
-        attitude_error_time: its correlation times [s]. What a flight says of a constant sideslip
-            hangs on that of the heading.
+        attitude_error_time: its correlation times [s].
         push: error of the thrust maps [m/s²].
         velocity_error: slow error of the velocity source [m/s].
         velocity_error_time: its correlation time [s].
@@ -224,40 +225,23 @@ class Linearised(NamedTuple):
 
 def compose(state: State, error: Float[Array, " state"]) -> State:
     """The state that differs from `state` by an error state."""
-    moving = state.air
+    part = {name: error[block] for name, block in BLOCKS.items()}
     return State(
-        frames.multiply(state.attitude, frames.exponential(error[BLOCKS["attitude"]])),
-        state.velocity + error[BLOCKS["velocity"]],
-        state.rate + error[BLOCKS["rate"]],
-        Air(
-            moving.wind + error[BLOCKS["wind"]],
-            moving.gust + error[BLOCKS["gust"]],
-            moving.spin + error[BLOCKS["spin"]],
-            moving.memory + error[BLOCKS["memory"]],
-        ),
-        state.attitude_error + error[BLOCKS["attitude_error"]],
-        state.push + error[BLOCKS["push"]],
-        state.velocity_error + error[BLOCKS["velocity_error"]],
+        frames.multiply(state.attitude, frames.exponential(part["attitude"])),
+        state.velocity + part["velocity"],
+        state.rate + part["rate"],
+        Air(*(getattr(state.air, name) + part[name] for name in Air._fields)),
+        *(getattr(state, name) + part[name] for name in ERRORS),
     )
 
 
 def difference(first: State, second: State) -> Float[Array, " state"]:
     """Error state by which `first` differs from `second`; inverse of `compose`."""
     turn = frames.logarithm(frames.multiply(frames.conjugate(second.attitude), first.attitude))
-    return jnp.concatenate(
-        [
-            turn,
-            first.velocity - second.velocity,
-            first.rate - second.rate,
-            first.air.wind - second.air.wind,
-            first.air.gust - second.air.gust,
-            first.air.spin - second.air.spin,
-            first.air.memory - second.air.memory,
-            first.attitude_error - second.attitude_error,
-            first.push - second.push,
-            first.velocity_error - second.velocity_error,
-        ]
-    )
+    moved = (first.velocity - second.velocity, first.rate - second.rate)
+    blown = (one - other for one, other in zip(first.air, second.air, strict=True))
+    slow = (getattr(first, name) - getattr(second, name) for name in ERRORS)
+    return jnp.concatenate([turn, *moved, *blown, *slow])
 
 
 def _inputs(
@@ -565,9 +549,8 @@ def _seen(
     aircraft: Aircraft, means: Means, state: State, row: Row
 ) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
     """Sensitivity of the expected measurements to an error state, and the innovation."""
-    parts = ("attitude", "velocity", "rate", "spin", "attitude_error", "push", "velocity_error")
-    sizes = [BLOCKS[name].stop - BLOCKS[name].start for name in parts]
-    ends = [int(end) for end in np.cumsum(sizes)]
+    parts = ("attitude", "velocity", "rate", "spin", *ERRORS)
+    ends = np.cumsum([BLOCKS[name].stop - BLOCKS[name].start for name in parts]).tolist()
 
     def left(errors: Float[Array, " error"]) -> tuple[Array, Array]:
         error = jnp.zeros(SIZE)
