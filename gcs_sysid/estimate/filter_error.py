@@ -30,7 +30,7 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 TURNS = 6
-"""Over the whole flight, before the likelihood's own steps."""
+"""Over the whole flight, before the last steps."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 
@@ -44,12 +44,12 @@ class Fit:
         deviation: one standard deviation of each.
         covariance: of the derivatives, in the order of `keys`.
         keys: coefficient and regressor of each derivative.
-        bound: covariance of the derivatives by the flight alone, were all intensities known and
-            innovations independent; of infinite variance where the flight says nothing.
+        bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
+            infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
         smoothed: deviations from it, and their covariance.
         whitened: innovations over the root of their covariance.
-        log_likelihood: after each turn of the search.
+        log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the search ended because nothing more was to be gained.
     """
 
@@ -87,11 +87,7 @@ def fit(
         progress: told about every turn.
         near: whether `first` is near what is sought.
     """
-    begun = settling.settle(
-        *(model, flight, first, beliefs, counts, progress),
-        near=near,
-        turns=TURNS,
-    )
+    begun = settling.settle(model, flight, first, beliefs, counts, progress, near=near, turns=TURNS)
     done = scoring.climbed(model, first.means, begun, beliefs, progress)
     unknowns = done.unknowns
     states, smoothed = aided_smoother.iterated(

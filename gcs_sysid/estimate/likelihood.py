@@ -31,7 +31,7 @@ from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Linearised, Means, Noise, State
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
-from gcs_sysid.reconstruct.causal import Path
+from gcs_sysid.reconstruct.causal import Moving, Path
 from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
 
 TOGETHER = 4
@@ -181,7 +181,9 @@ class _Asked:
         """T and V of a chunk's rows that are wanted, an unknown each, and J of the parameters."""
         model, means, log_noise = self._at
         motion, seen = causal.sensitivities(model, means, log_noise, chunk, rows, self._found)
-        self._sensitivity, follows, white = _followed(self._sensitivity, rows, done, motion, seen)
+        self._sensitivity, follows, white = causal.followed(
+            self._sensitivity, rows, done, motion, seen
+        )
         leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
         self._last = jax.tree.map(lambda part: part[-1:], chunk.after)
         count, width = done.whitened.shape
@@ -210,57 +212,16 @@ class _Asked:
         rows: Linearised,
         still: intensities.Still,
         leap: Float[Array, "sample state"],
-        follows: _Moving,
+        follows: Moving,
     ) -> Linearised:
         """The rows with one unknown a step further."""
         model, _, log_noise = self._at
         if number >= len(self._moved):
             return intensities.at(self._louder[number - len(self._moved)], chunk, rows, still)
-        moving = _Moving(*(part[..., number] for part in follows))
+        moving = Moving(*(part[..., number] for part in follows))
         return _turned(
             model, self._moved[number], log_noise, chunk, leap, rows, moving, self._steps[number]
         )
-
-
-class _Moving(NamedTuple):
-    """How rows move with parameters, gains held.
-
-    Attributes:
-        before: what the filter believed after the row before.
-        after: what it expects at the row.
-        motion: the row's offset.
-        seen: its residual.
-    """
-
-    before: Float[Array, "sample state *parameter"]
-    after: Float[Array, "sample state *parameter"]
-    motion: Float[Array, "sample state *parameter"]
-    seen: Float[Array, "sample row *parameter"]
-
-
-@jax.jit
-def _followed(
-    sensitivity: Float[Array, "state parameter"],
-    rows: Linearised,
-    done: Filtered,
-    motion: Float[Array, "sample state parameter"],
-    seen: Float[Array, "sample row parameter"],
-) -> tuple[Array, _Moving, Float[Array, "sample row parameter"]]:
-    """Sensitivity of the filter's mean at a chunk's end, of its rows, and of its innovations."""
-    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
-
-    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
-        transition, view, root, gain, moved, changed = item
-        predicted = transition @ now + moved
-        white = root @ (changed - view @ predicted)
-        return predicted + gain.T @ white, (now, predicted, white)
-
-    end, (before, after, white) = jax.lax.scan(
-        ahead,
-        sensitivity,
-        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
-    )
-    return end, _Moving(before, after, motion, seen), white
 
 
 @partial(jax.jit, static_argnums=0)
@@ -271,7 +232,7 @@ def _turned(
     chunk: Chunk,
     leap: Float[Array, "sample state"],
     rows: Linearised,
-    moving: _Moving,
+    moving: Moving,
     size: Float[Array, ""],
 ) -> Linearised:
     """The rows with a parameter's step of `size` taken in `means`.
@@ -279,8 +240,8 @@ def _turned(
     Matrices are those about the flight that has moved with it, offsets those that moved it there.
     """
     shifted = Chunk(
-        _moved(chunk.before, size * moving.before),
-        _moved(chunk.after, size * moving.after),
+        causal.moved(chunk.before, size * moving.before),
+        causal.moved(chunk.after, size * moving.after),
         chunk.row,
     )
     about = aided_smoother.linearised(model, means, log_noise, shifted)
@@ -310,10 +271,6 @@ def _changes(
     return [
         jax.tree.map(lambda part, at=at: part[at], (beliefs, told)) for at in range(len(others))
     ]
-
-
-def _moved(state: State, error: Float[Array, "sample state"]) -> State:
-    return jax.vmap(aided.compose)(state, error)
 
 
 def _pairs(width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

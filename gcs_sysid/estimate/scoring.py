@@ -26,13 +26,14 @@ from jaxtyping import Bool, Float
 from gcs_sysid.estimate import likelihood
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.likelihood import Instruments
-from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.causal import Path
 
 STEPS = 8
+"""With one set of instruments."""
 NEAR = 0.25
 """A step that moves every parameter of the mean by less than so many deviations ends the search.
 Intensities of what is hardly there go on: less of nothing is still nothing."""
@@ -76,11 +77,9 @@ class Scored:
     ended: bool
 
     def scatter(self) -> float:
-        """Variance of the blocks' scores over that of independent innovations, at least 1."""
+        """Overdispersion of the parameters' scores."""
         count = int(self.free[0].sum())
-        blocks, seen = self.blocks[:, :count], np.diagonal(self.asked.scatter)[:count]
-        spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
-        return max(float(np.median(spread[seen > 0.0] / seen[seen > 0.0])), 1.0)
+        return overdispersion(self.blocks[:, :count], np.diagonal(self.asked.scatter)[:count])
 
     def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
         """Of all that was sought (Godambe, Biometrika 72, 1985): A⁻¹ M A⁻ᵀ with the prior."""

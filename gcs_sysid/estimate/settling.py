@@ -300,10 +300,16 @@ def at(settled: Settled, like: Means) -> Unknowns:
 
 
 def scatter(done: Settled, beliefs: Beliefs) -> float:
-    """Variance of the scores of blocks over that of independent innovations, at least 1."""
+    """`overdispersion` of a flight's scores at held gains."""
     free = np.diagonal(beliefs.covariance) > 0.0
-    blocks = done.last.blocks[:, free]
-    spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
     information = np.diagonal(done.last.told.matrix + done.last.apart.matrix)[free]
+    return overdispersion(done.last.blocks[:, free], information)
+
+
+def overdispersion(
+    blocks: Float[np.ndarray, "block parameter"], information: Float[np.ndarray, " parameter"]
+) -> float:
+    """Variance of the scores of blocks over that of independent innovations, at least 1."""
+    spread = np.sum((blocks - blocks.mean(axis=0)) ** 2, axis=0)
     seen = information > 0.0
     return max(float(np.median(spread[seen] / information[seen])), 1.0)

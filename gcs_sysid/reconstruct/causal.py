@@ -126,7 +126,7 @@ def filtered(
         before = jnp.concatenate([begun[-1].mean[None], done.updated.mean[:-1]])
         ended = ends(chunk, last)
         chunks.append(
-            Chunk(_moved(ended, before), _moved(chunk.after, done.predicted.mean), chunk.row)
+            Chunk(moved(ended, before), moved(chunk.after, done.predicted.mean), chunk.row)
         )
         last = jax.tree.map(lambda part: part[-1:], chunk.after)
         begun.append(end)
@@ -231,7 +231,8 @@ def leaps(first: State, second: State) -> Float[Array, "sample state"]:
 
 
 @jax.jit
-def _moved(state: State, error: Float[Array, "sample state"]) -> State:
+def moved(state: State, error: Float[Array, "sample state"]) -> State:
+    """States that differ by error states."""
     return jax.vmap(aided.compose)(state, error)
 
 
@@ -330,6 +331,47 @@ def _gathered(
     return sums(wanted), sums(~wanted), scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
 
 
+class Moving(NamedTuple):
+    """How rows move with parameters, gains held.
+
+    Attributes:
+        before: what the filter believed after the row before.
+        after: what it expects at the row.
+        motion: the row's offset.
+        seen: its residual.
+    """
+
+    before: Float[Array, "sample state *parameter"]
+    after: Float[Array, "sample state *parameter"]
+    motion: Float[Array, "sample state *parameter"]
+    seen: Float[Array, "sample row *parameter"]
+
+
+@jax.jit
+def followed(
+    sensitivity: Float[Array, "state parameter"],
+    rows: Linearised,
+    done: linear_filter.Filtered,
+    motion: Float[Array, "sample state parameter"],
+    seen: Float[Array, "sample row parameter"],
+) -> tuple[Array, Moving, Float[Array, "sample row parameter"]]:
+    """Sensitivity of the filter's mean at a chunk's end, of its rows, and of its innovations."""
+    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
+
+    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
+        transition, view, root, gain, moved, changed = item
+        predicted = transition @ now + moved
+        white = root @ (changed - view @ predicted)
+        return predicted + gain.T @ white, (now, predicted, white)
+
+    end, (before, after, white) = jax.lax.scan(
+        ahead,
+        sensitivity,
+        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
+    )
+    return end, Moving(before, after, motion, seen), white
+
+
 @jax.jit
 def _carried(
     sensitivity: Float[Array, "state parameter"],
@@ -338,17 +380,6 @@ def _carried(
     motion: Float[Array, "sample state parameter"],
     seen: Float[Array, "sample row parameter"],
 ) -> tuple[Array, Float[Array, "sample row parameter"]]:
-    """Sensitivity of the filter's mean at a chunk's end, and whitened ones of its innovations."""
-    seen = jnp.where(rows.present[:, :, None], seen, 0.0)
-
-    def ahead(now: Array, item: tuple[Array, ...]) -> tuple[Array, Array]:
-        transition, view, root, gain, moved, changed = item
-        predicted = transition @ now + moved
-        white = root @ (changed - view @ predicted)
-        return predicted + gain.T @ white, white
-
-    return jax.lax.scan(
-        ahead,
-        sensitivity,
-        (rows.transition, rows.sensitivity, done.root, done.gain, motion, seen),
-    )
+    """Of `followed` the end and the innovations: the rest is not kept."""
+    end, _, white = followed(sensitivity, rows, done, motion, seen)
+    return end, white
