@@ -197,11 +197,12 @@ def _stepped(about: Lined, prior: Prior, search: Search) -> Search:
 
     here = density - 0.5 * float(np.sum(weight * (values - centre) ** 2))
     damping, diagonal = search.damping, np.diag(np.abs(np.diagonal(information)))
-    chosen = np.ix_(free, free)
+    chosen, longest = np.ix_(free, free), np.full(np.count_nonzero(free), LONGEST_STEP)
     for _ in range(MOST_TRIALS):
         move = np.zeros_like(values)
-        move[free] = np.linalg.solve((information + damping * diagonal)[chosen], slope[free])
-        move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
+        move[free] = quasi_newton.bounded(
+            (information + damping * diagonal)[chosen], slope[free], longest
+        )
         there = posterior(values + move)
         if np.isfinite(there) and there > here:
             return Search(
@@ -248,8 +249,8 @@ class _Driven(NamedTuple):
     """What intensities are to a row: all that they enter by.
 
     Attributes:
-        decay: how the air and the slow errors change by themselves.
-        driving: spectral density of the white noise, where the equations are believed.
+        decay: how the air and the slow errors change by themselves, where `aided.passing` is 1.
+        driving: spectral density of the white noise there, where the equations are believed.
         doubted: where they are not.
         variance: of the measurements.
     """
@@ -281,11 +282,11 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
     driven = _driven(log_noise)
 
     def one(row: Row, still: Still) -> _Covered:
-        half = aided.half_transition(still.mechanics, driven.decay, row.step)
+        half = aided.half_transition(still.mechanics, driven.decay, row)
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
         return _Covered(
             half @ half,
-            aided.process(half, row.step, noise),
+            aided.process(half, row, noise),
             jnp.where(aided.present_rows(row), driven.variance, 1.0),
         )
 
@@ -315,13 +316,14 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised
     slow = slice(aided.MOVING, aided.SIZE)
 
     def one(row: Row, still: Still, by: Linearised) -> tuple[Array, Array, Array]:
-        rates = 0.5 * row.step * still.mechanics.at[slow, slow].set(driven.decay)
+        passed = aided.passing(row)[:, None]
+        rates = 0.5 * row.step * still.mechanics.at[slow, slow].set(passed[slow] * driven.decay)
         inmost = unit + rates / 4.0
         inner = unit + rates @ inmost / 3.0
         outer = unit + rates @ inner / 2.0
         half = unit + rates @ outer
         # Transition ½½, and process h/6 (D + 4 M + ½M½ᵀ) with M = ½D½ᵀ.
-        noise = jnp.where(row.modelled, driven.driving, driven.doubted)
+        noise = passed * jnp.where(row.modelled, driven.driving, driven.doubted)
         through = half @ noise
         middle = through @ half.T
         moved = by.transition + by.offset[:, None] * still.slow[None, :]
@@ -339,7 +341,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised
         of_rates = of_rates + third[slow] @ inmost[slow, slow].T / 3.0
         of_rates = of_rates + (rates.T @ third)[slow] / 12.0
         variance = jnp.where(aided.present_rows(row), by.variance, 0.0)
-        return 0.5 * row.step * of_rates, of_noise, variance
+        return 0.5 * row.step * passed[slow] * of_rates, passed * of_noise, variance
 
     decay, noise, variance = jax.vmap(one)(chunk.row, still, slope)
     believed = chunk.row.modelled[:, None, None]

@@ -23,7 +23,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import likelihood
+from gcs_sysid.estimate import likelihood, quasi_newton
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.likelihood import Instruments
 from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
@@ -139,7 +139,7 @@ def climbed(
     def moved(point: _Point, move: Unknown) -> _Point:
         values, logs = point.values.copy(), np.array(ravel_pytree(point.log_noise)[0])
         values[found] += move[: found.size]
-        logs[noises] += np.clip(move[found.size :], -LONGEST, LONGEST)
+        logs[noises] += move[found.size :]
         log_noise = ravel_pytree(point.log_noise)[1](jnp.asarray(logs))
         means, path = ravel_pytree(like)[1](jnp.asarray(values)), point.path
         for _ in range(PASSES):
@@ -148,6 +148,7 @@ def climbed(
         white = np.concatenate([step.whitened for step in steps])
         return _Point(values, log_noise, path, float(each[settled.fitted].sum()), white)
 
+    longest = np.concatenate([np.full(found.size, np.inf), np.full(noises.size, LONGEST)])
     sizes = np.zeros(free[0].size)
     held = settled.last.told.matrix[np.ix_(found, found)] + precision[: found.size, : found.size]
     sizes[found] = np.sqrt(np.diagonal(inverse(held)))
@@ -169,14 +170,14 @@ def climbed(
         deviation = np.sqrt(np.diagonal(inverse(asked.information + precision)))
         for _ in range(STEPS):
             slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
-            move = _solved(matrix, slope, 0.0)
+            move = quasi_newton.bounded(matrix, slope, longest)
             promised = 0.5 * float(slope @ move)
             farthest = float(np.max(np.abs(move / deviation)[: found.size]))
             ended = farthest < NEAR
             if ended:
                 break
             for damping in DAMPED:
-                there = moved(here, _solved(matrix, slope, damping))
+                there = moved(here, quasi_newton.bounded(_damped(matrix, damping), slope, longest))
                 if density(there) > density(here) - SLACK:
                     break
             else:
@@ -204,12 +205,10 @@ def inverse(matrix: Float[np.ndarray, "row row"]) -> Float[np.ndarray, "row row"
     return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
 
 
-def _solved(
-    matrix: Float[np.ndarray, "unknown unknown"], slope: Unknown, damping: float
-) -> Unknown:
-    size = np.sqrt(np.abs(np.diagonal(matrix)))
-    scaled = matrix / np.outer(size, size) + damping * np.eye(size.size)
-    return np.linalg.solve(scaled, slope / size) / size
+def _damped(
+    matrix: Float[np.ndarray, "unknown unknown"], damping: float
+) -> Float[np.ndarray, "unknown unknown"]:
+    return matrix + damping * np.diag(np.abs(np.diagonal(matrix)))
 
 
 def _by_likelihood(like: Means) -> Bool[np.ndarray, " parameter"]:

@@ -185,6 +185,7 @@ class Row(NamedTuple):
         settings: of the engines, throttle or rpm, at the same three times.
         density: of the air [kg/m³].
         height: above the ground [m].
+        airspeed: at which gusts are passed, true [m/s].
         gyro: angular rate [rad/s].
         accelerometer: specific force [m/s²].
         inertial: whether these two were measured.
@@ -200,6 +201,7 @@ class Row(NamedTuple):
     settings: Float[Array, "*sample three engine"]
     density: Float[Array, "*sample"]
     height: Float[Array, "*sample"]
+    airspeed: Float[Array, "*sample"]
     gyro: Float[Array, "*sample axis"]
     accelerometer: Float[Array, "*sample axis"]
     inertial: Bool[Array, "*sample"]
@@ -310,7 +312,7 @@ def _slope(
         change.attitude,
         change.velocity,
         change.rate,
-        air.drift(state.air, noise.turbulence),
+        air.drift(state.air, noise.turbulence, row.airspeed),
         -state.attitude_error / _of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
         -state.velocity_error / noise.velocity_error_time,
@@ -387,20 +389,9 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
 
 def present_rows(row: Row) -> Bool[Array, " row"]:
     """Which rows of the innovation were measured."""
-    airspeed, velocity, attitude, vanes = row.measured.valid
-    return jnp.concatenate(
-        [
-            jnp.repeat(flag[None], count, total_repeat_length=count)
-            for flag, count in (
-                (row.inertial, 3),
-                (row.inertial & row.modelled, 3),
-                (airspeed, 1),
-                (velocity, 3),
-                (attitude, 3),
-                (vanes, 2),
-            )
-        ]
-    )
+    flags = (row.inertial, row.inertial & row.modelled, *row.measured.valid)
+    parts = zip(flags, ROWS.values(), strict=True)
+    return jnp.concatenate([jnp.full(part.stop - part.start, flag) for flag, part in parts])
 
 
 def measurement_variance(noise: Noise) -> Float[Array, " row"]:
@@ -419,7 +410,7 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
 
 def process(
     half: Float[Array, "state state"],
-    step: Float[Array, ""],
+    row: Row,
     driving: Float[Array, "state state"],
 ) -> Float[Array, "state state"]:
     """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds by Simpson's rule.
@@ -429,16 +420,23 @@ def process(
 
     Args:
         half: transition over half the step.
-        step: its length [s].
-        driving: D.
+        row: of the step.
+        driving: D at `passing` 1.
     """
-    middle = half @ driving @ half.T
+    late = passing(row)[:, None] * driving
+    middle = half @ late @ half.T
     early = half @ middle @ half.T
-    return step / 6.0 * (driving + 4.0 * middle + early)
+    return row.step / 6.0 * (late + 4.0 * middle + early)
+
+
+def passing(row: Row) -> Float[Array, " state"]:
+    """How fast what changes by itself does so: gusts at the airspeed [m/s], all else at 1."""
+    blown = slice(BLOCKS["gust"].start, BLOCKS["memory"].stop)
+    return jnp.ones(SIZE).at[blown].set(row.airspeed)
 
 
 def driving(noise: Noise) -> Float[Array, "state state"]:
-    """Spectral density D of the white noise that drives the states."""
+    """Spectral density D of the white noise that drives the states, where `passing` is 1."""
     shape = noise_shape(noise.turbulence)
     return (shape * process_density(noise)[None, :]) @ shape.T
 
@@ -460,14 +458,14 @@ def doubted(noise: Noise, modelled: Bool[Array, ""]) -> Noise:
 
 
 def process_density(noise: Noise) -> Float[Array, " state"]:
-    """Spectral density of each state's white noise, before gusts turn the air as well."""
+    """Of each state's white noise where `passing` is 1, before gusts turn the air as well."""
     lasting = _of_axes(noise.attitude_error_time)
     return jnp.concatenate(
         [
             jnp.zeros(3),
             jnp.full(3, 1.0) * noise.force**2,
             noise.moment**2,
-            air.density(noise.turbulence),
+            air.density(noise.turbulence, 1.0),
             _of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),
             jnp.full(3, noise.velocity_error**2 * (2.0 / noise.velocity_error_time)),
@@ -515,17 +513,18 @@ def jacobian(
 def half_transition(
     mechanics: Float[Array, "state state"],
     decay: Float[Array, "slow slow"],
-    step: Float[Array, ""],
+    row: Row,
 ) -> Float[Array, "state state"]:
     """Transition over half a step: the exponential's series to the order of the scheme.
 
     Args:
         mechanics: the Jacobian in the middle of the step.
-        decay: how what is not motion changes by itself.
-        step: length of the whole step [s].
+        decay: how what is not motion changes by itself, where `passing` is 1.
+        row: of the step.
     """
     unit = jnp.eye(SIZE)
-    rates = 0.5 * step * mechanics.at[MOVING:, MOVING:].set(decay)
+    slow = passing(row)[MOVING:, None] * decay
+    rates = 0.5 * row.step * mechanics.at[MOVING:, MOVING:].set(slow)
     half = unit + rates / 4.0
     for order in (3.0, 2.0, 1.0):
         half = unit + rates @ half / order
@@ -533,11 +532,11 @@ def half_transition(
 
 
 def decay(noise: Noise) -> Float[Array, "slow slow"]:
-    """How the air and the slow errors change by themselves."""
+    """How the air and the slow errors change by themselves, where `passing` is 1."""
 
     def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
         *blown, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 15, 16))
-        moving = air.drift(Air(*blown), noise.turbulence)
+        moving = air.drift(Air(*blown), noise.turbulence, 1.0)
         tilted = tilted / _of_axes(noise.attitude_error_time)
         slow = (tilted, push / PUSH_TIME, tracked / noise.velocity_error_time)
         return jnp.concatenate([*moving, *(-part for part in slow)])
@@ -585,14 +584,14 @@ def linearise(
     """
     middle = compose(before, 0.5 * difference(after, before))
     mechanics = jacobian(aircraft, means, middle, row, 1)
-    half = half_transition(mechanics, decay(noise), row.step)
+    half = half_transition(mechanics, decay(noise), row)
     moved = advance(aircraft, means, noise, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
         transition=half @ half,
         offset=difference(moved, after),
-        process=process(half, row.step, driving(doubted(noise, row.modelled))),
+        process=process(half, row, driving(doubted(noise, row.modelled))),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

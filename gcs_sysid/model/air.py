@@ -1,7 +1,8 @@
 """The air that an aircraft flies through: steady wind, gusts, and the gusts' own rotation.
 
 Gusts have Dryden's spectra (MIL-F-8785C, 1980, section 3.7.1) in axes along their field, across it,
-and down, each with its own intensity σ and time T: of first order along, and across and down
+and down, each with its own intensity σ and scale length L, which the aircraft passes in the time
+T = L/V: of first order along, and across and down
 
     g(s) = σ √T (1 + √3 T s)/(1 + T s)² W(s)
 
@@ -16,9 +17,10 @@ rotation s is driven by the changes of g as well,
     ds = −s/T_s dt + C dg + σ_s √(2/T_s) dW′
 
 C holds one number for the vertical gust that turns the air about the axis across, and one for the
-gust across that turns it about down [rad/m], π/4 and π/3 over the span by the specification. A gyro
-that sees the rotation tells the gust, and how that dies out tells a constant of the flow angles:
-with gusts of first order across and down it comes out a tenth of a degree wrong, and is believed.
+gust across that turns it about down [rad/m], π/4 and π/3 over the span by the specification. T_s is
+a length over the airspeed as well. A gyro that sees the rotation tells how the gust changes, and a
+constant of sideslip, which turns with the aircraft, does not change so: it is told to a tenth of a
+degree, and wrongly by more where the times are taken as constant while the airspeed is not.
 
 Which way the field lies is unknown, the azimuth ψ. The aerodynamics feel the velocity less wind and
 gust, and the rate less s. The steady wind drifts as a random walk.
@@ -64,19 +66,19 @@ class Turbulence(NamedTuple):
 
     Attributes:
         gust: standard deviation of translation [m/s].
-        gust_time: T, scale length over airspeed, likewise [s].
+        gust_length: L, likewise [m].
         spin: standard deviation of the rotation that the gust does not explain: the specification's
             own differ with the axis [rad/s].
-        spin_time: correlation time, likewise [s].
+        spin_length: over which it changes, T_s V, likewise [m].
         coupling: entries of C: vertical gust into rotation about the axis across, gust across into
             rotation about down [rad/m].
         azimuth: of the axis along the field, from north toward east [rad].
     """
 
     gust: Float[Array, " axis"]
-    gust_time: Float[Array, " axis"]
+    gust_length: Float[Array, " axis"]
     spin: Float[Array, " axis"]
-    spin_time: Float[Array, " axis"]
+    spin_length: Float[Array, " axis"]
     coupling: Float[Array, " two"]
     azimuth: Float[Array, ""]
 
@@ -94,42 +96,36 @@ def scale_lengths(height: float) -> tuple[float, float]:
     return level + share * (aloft - level), near + share * (aloft - near)
 
 
-def correlation_times(height: float, airspeed: float) -> tuple[float, float, float]:
-    """Times of gusts along the field, across it and down [s]: scale length over airspeed."""
-    level, down = scale_lengths(height)
-    return level / airspeed, level / airspeed, down / airspeed
+def rotation_lengths(span: float, height: float) -> tuple[float, float, float]:
+    """Lengths over which the gusts' rotation changes along the field, across it and down [m].
 
-
-def rotation_times(span: float, height: float, airspeed: float) -> tuple[float, float, float]:
-    """Correlation times of the gusts' rotation along the field, across it and down [s].
-
-    MIL-F-8785C (1980), section 3.7.2 for pitch and yaw, 4b/πV and 3b/πV; MIL-HDBK-1797 (1997),
-    section 4.9 for roll, √(L b)/2.6V with L the scale of the vertical gusts.
+    MIL-F-8785C (1980), section 3.7.2 for pitch and yaw, 4b/π and 3b/π; MIL-HDBK-1797 (1997),
+    section 4.9 for roll, √(L b)/2.6 with L the scale of the vertical gusts.
     """
-    across = 4.0 * span / (np.pi * airspeed)
-    along = np.sqrt(scale_lengths(height)[1] * span) / (2.6 * airspeed)
+    across = 4.0 * span / np.pi
+    along = np.sqrt(scale_lengths(height)[1] * span) / 2.6
     return float(along), float(across), float(0.75 * across)
 
 
-def drift(air: Air, turbulence: Turbulence) -> Air:
-    """Mean rate of change of the air, in the fields of an `Air`."""
+def drift(air: Air, turbulence: Turbulence, airspeed: Float[Array, ""] | float) -> Air:
+    """Mean rate of change of the air that is passed at an airspeed [m/s]."""
     turned = field_axes(turbulence)
     now, memory = turned.T @ air.gust, turned.T @ air.memory
     inner = SECOND * (now - LATE * memory) / ROOT
-    gust = turned @ ((LATE * inner - now) / turbulence.gust_time)
-    later = turned @ ((inner - memory) / turbulence.gust_time)
-    own = -turned @ ((turned.T @ air.spin) / turbulence.spin_time)
+    gust = turned @ ((LATE * inner - now) * (airspeed / turbulence.gust_length))
+    later = turned @ ((inner - memory) * (airspeed / turbulence.gust_length))
+    own = -turned @ ((turned.T @ air.spin) * (airspeed / turbulence.spin_length))
     return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust, later)
 
 
-def density(turbulence: Turbulence) -> Float[Array, " twelve"]:
+def density(turbulence: Turbulence, airspeed: Float[Array, ""] | float) -> Float[Array, " twelve"]:
     """Spectral density of the white noise that drives wind, gust, spin and memory.
 
     2 σ²/T, and 3 σ²/T of gusts across and down. Those of gust and spin are in the axes of the
     field, the spin's without what the gust brings.
     """
-    gust = (2.0 + SECOND) * turbulence.gust**2 / turbulence.gust_time
-    spin = 2.0 * turbulence.spin**2 / turbulence.spin_time
+    gust = (2.0 + SECOND) * turbulence.gust**2 * (airspeed / turbulence.gust_length)
+    spin = 2.0 * turbulence.spin**2 * (airspeed / turbulence.spin_length)
     return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), gust, spin, jnp.zeros(3)])
 
 

@@ -33,9 +33,9 @@ an autopilot commands at a sample answers the noise of that very sample; in the 
 would make noise tell of the surfaces, and feign a delay of a millisecond."""
 HAIR = 1e-6
 """A step ends so much [s] before what is commanded at its end."""
-ROTATION_TIME = 0.25
-"""One standard deviation of the logarithm of the specification's correlation times: what turns the
-air for seconds is an error of the model."""
+ROTATION_LENGTH = 0.25
+"""One standard deviation of the logarithm of the specification's lengths: what turns the air for
+seconds is an error of the model."""
 ATTITUDE_ERROR_TIME = 40.0
 """First guess of the correlation time of an autopilot's attitude error [s]."""
 SPIN = 0.06
@@ -44,8 +44,8 @@ UNMODELLED = 0.05
 """First guess of unmodelled accelerations, linear and angular [m/s²/√Hz, rad/s²/√Hz]."""
 LOWEST = 30.0
 """A log whose usual height is less [m] began in the air, and does not tell the height."""
-ALOFT = 600.0
-"""Height [m] that is then taken for the gusts: where they no longer depend on it."""
+USUAL = 120.0
+"""Height [m] that is then taken for the gusts: up to which small aircraft may fly."""
 MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 THRUST_ERROR = 0.1
@@ -107,6 +107,7 @@ def prepare(
         settings=_settings(recording, aircraft, moments),
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
+        airspeed=np.interp(time, states.time, states.airspeed),
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
@@ -164,16 +165,16 @@ def first_unknowns(
 def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise:
     seen = rows.measured.valid
     level = float(states.noise.gust[0])
-    height, speed = float(np.median(rows.height)), float(np.median(states.airspeed))
+    height = float(np.median(rows.height))
     if height < LOWEST:
-        height = ALOFT
-    times = air.correlation_times(height, speed)
-    spin_times = air.rotation_times(aircraft.geometry.wing_span, height, speed)
+        height = USUAL
+    long, tall = air.scale_lengths(height)
+    turning = air.rotation_lengths(aircraft.geometry.wing_span, height)
     turbulence = Turbulence(
         gust=jnp.log(jnp.array([level, level, max(float(states.noise.gust[2]), level)])),
-        gust_time=jnp.log(jnp.array(times)),
+        gust_length=jnp.log(jnp.array([long, long, tall])),
         spin=jnp.log(jnp.full(3, SPIN)),
-        spin_time=jnp.log(jnp.array(spin_times)),
+        spin_length=jnp.log(jnp.array(turning)),
         coupling=jnp.zeros(2),
         azimuth=jnp.zeros(()),
     )
@@ -243,9 +244,9 @@ def beliefs(
     wide = jax.tree.map(lambda value: jnp.full_like(value, 2.0), first.log_noise)
     span = aircraft.geometry.wing_span
     turbulence = wide.turbulence._replace(
-        gust_time=jnp.full(3, 0.7),
+        gust_length=jnp.full(3, 0.7),
         spin=jnp.full(3, 0.7),
-        spin_time=jnp.full(3, ROTATION_TIME),
+        spin_length=jnp.full(3, ROTATION_LENGTH),
         coupling=jnp.full(2, np.pi / 4.0 / span),
         azimuth=jnp.asarray(1.0),
     )

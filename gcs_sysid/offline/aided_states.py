@@ -51,7 +51,7 @@ def refined(
             gyro=np.asarray(noise.gyro),
             gust=np.array([level, level, gust[2]]),
             # As a gust of first order with the same spectrum at low frequency.
-            gust_time=np.asarray(0.5 * noise.turbulence.gust_time[2]),
+            gust_time=0.5 * np.asarray(noise.turbulence.gust_length)[2] / np.median(flow[:, 0]),
         ),
         airspeed=flow[:, 0],
         alpha=flow[:, 1],

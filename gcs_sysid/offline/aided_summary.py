@@ -60,7 +60,7 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
     air, relative = fit.unknowns.log_noise.turbulence, fit.deviation.log_noise.turbulence
     # Of level gusts the mean along and across their field.
     for name, axes in (("", slice(0, 2)), ("_vertical", slice(2, 3))):
-        for key, each, unit in (("gust_sd", "gust", "m/s"), ("gust_time", "gust_time", "s")):
+        for key, each, unit in (("gust_sd", "gust", "m/s"), ("gust_length", "gust_length", "m")):
             size = float(np.mean(np.exp(getattr(air, each)[axes])))
             share = float(np.sqrt(np.mean(np.asarray(getattr(relative, each)[axes]) ** 2)))
             document[key + name] = Estimate(size, size * share, unit).document()

@@ -269,7 +269,7 @@ def sensitivities(
         moving = slice(0, aided.MOVING)  # nothing else is moved by a parameter
         added = jax.jacfwd(ahead)(flat[asked])[moving]
         mechanics = aided.jacobian(model.aircraft, means, middle, part.row, 1)
-        half = aided.half_transition(mechanics, decay, part.row.step)
+        half = aided.half_transition(mechanics, decay, part.row)
         weight = 4.0 * half[moving, moving] + transition[moving, moving]
         carried = (added + weight @ added) / 6.0
         rest = ((0, aided.SIZE - aided.MOVING), (0, 0))

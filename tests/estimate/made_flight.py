@@ -53,9 +53,9 @@ def unknowns(scale: float) -> Unknowns:
     noise = Noise(
         Turbulence(
             jnp.log(jnp.full(3, 0.3)),
-            jnp.log(jnp.full(3, 3.0)),
+            jnp.log(jnp.full(3, 51.0)),
             jnp.log(jnp.full(3, 0.02)),
-            jnp.log(jnp.full(3, 0.2)),
+            jnp.log(jnp.full(3, 3.4)),
             jnp.array([0.1, 0.15]),
             jnp.asarray(0.6),
         ),
@@ -98,8 +98,8 @@ def made_flight() -> Flight:
     def ahead(now: State, row: Row, white: jax.Array) -> tuple[State, jax.Array]:
         moved = aided.advance(AIRCRAFT, means, noise, now, row)
         mechanics = aided.jacobian(AIRCRAFT, means, now, row, 1)
-        half = aided.half_transition(mechanics, aided.decay(noise), row.step)
-        spread = aided.process(half, row.step, aided.driving(noise))
+        half = aided.half_transition(mechanics, aided.decay(noise), row)
+        spread = aided.process(half, row, aided.driving(noise))
         root = jnp.linalg.cholesky(spread + 1e-20 * jnp.eye(aided.SIZE))
         moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
         return moved, aided.innovation(AIRCRAFT, means, moved, row)
@@ -143,6 +143,7 @@ def empty(elevator: np.ndarray) -> Row:
         settings=np.zeros((COUNT, 3, 0)),
         density=np.full(COUNT, 1.2),
         height=np.full(COUNT, 100.0),
+        airspeed=np.full(COUNT, 17.0),
         gyro=np.zeros((COUNT, 3)),
         accelerometer=np.zeros((COUNT, 3)),
         inertial=np.ones(COUNT, dtype=bool),

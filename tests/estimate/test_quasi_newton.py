@@ -40,3 +40,20 @@ def test_a_damped_update_at_most_doubles_a_step() -> None:
     np.testing.assert_allclose(
         quasi_newton.updated(TRUE, step, 0.7 * TRUE @ step, least=0.5) @ step, 0.7 * TRUE @ step
     )
+
+
+def test_a_step_that_is_short_enough_is_newton_s() -> None:
+    slope = RANDOM.standard_normal(4)
+    found = quasi_newton.bounded(TRUE, slope, np.full(4, np.inf))
+    np.testing.assert_allclose(found, np.linalg.solve(TRUE, slope), rtol=1e-12)
+
+
+def test_parts_of_a_step_go_along_with_one_that_is_held() -> None:
+    """Two parameters of which only the difference is seen well: cut alone it would be torn open."""
+    curvature = np.array([[100.0, -99.0], [-99.0, 100.0]])
+    slope = curvature @ np.array([3.0, 3.1])
+    found = quasi_newton.bounded(curvature, slope, np.array([0.7, np.inf]))
+    assert found[0] == pytest.approx(0.7)
+    # Where the second one's own slope is gone.
+    assert curvature[1] @ found == pytest.approx(slope[1])
+    assert np.all(np.abs(quasi_newton.bounded(curvature, slope, np.full(2, 0.7))) <= 0.7 + 1e-12)

@@ -52,9 +52,9 @@ FLYING = replace(
 NOISE = Noise(
     Turbulence(
         gust=jnp.array([1.0, 1.5, 2.0]),
-        gust_time=jnp.ones(3),
+        gust_length=jnp.full(3, 20.0),
         spin=jnp.array([0.05, 0.07, 0.1]),
-        spin_time=jnp.ones(3),
+        spin_length=jnp.full(3, 20.0),
         coupling=jnp.array([0.2, 0.3]),
         azimuth=jnp.asarray(0.4),
     ),
@@ -88,6 +88,10 @@ def state() -> State:
     )
 
 
+SPEED = 20.0
+"""At which gusts are passed [m/s]."""
+
+
 def row(step: float) -> Row:
     return Row(
         step=jnp.asarray(step),
@@ -97,6 +101,7 @@ def row(step: float) -> Row:
         settings=jnp.zeros((3, 0)),
         density=jnp.asarray(1.2),
         height=jnp.asarray(100.0),
+        airspeed=jnp.asarray(SPEED),
         gyro=jnp.zeros(3),
         accelerometer=jnp.zeros(3),
         inertial=jnp.asarray(True),
@@ -269,12 +274,14 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     coupling = 0.2 * np.outer(across, down) + 0.3 * np.outer(down, across)
     shape[BLOCKS["gust"], BLOCKS["gust"]] = shape[BLOCKS["spin"], BLOCKS["spin"]] = turned
     shape[BLOCKS["spin"], BLOCKS["gust"]] = coupling @ turned
-    density = shape @ np.diag(np.asarray(aided.process_density(NOISE))) @ shape.T
+    passing = np.ones(size)
+    passing[BLOCKS["gust"].start : BLOCKS["memory"].stop] = SPEED
+    density = shape @ np.diag(passing * np.asarray(aided.process_density(NOISE))) @ shape.T
     block = np.block([[-rates, density], [np.zeros((size, size)), rates.T]])
     both = scipy.linalg.expm(block * length)
     transition = both[size:, size:].T
     half = scipy.linalg.expm(0.5 * length * rates)
-    found = aided.process(jnp.asarray(half), jnp.asarray(length), aided.driving(NOISE))
+    found = aided.process(jnp.asarray(half), row(length), aided.driving(NOISE))
     exact = transition @ both[:size, size:]
     noisy = np.diagonal(exact) > 0.0  # all but the gusts' memory
     scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))[np.ix_(noisy, noisy)]

@@ -180,7 +180,7 @@ def test_the_slope_of_intensities_is_that_of_the_likelihood(flight) -> None:
             2.0 * step
         )
         # Of how the air decays within a step, the series' fourth order is left out.
-        decays = any(word in name for word in ("_time", "coupling", "azimuth"))
+        decays = any(word in name for word in ("_time", "_length", "coupling", "azimuth"))
         allowed = 0.05 if decays else 1e-3
         assert slope[index] == pytest.approx(numeric, rel=1e-4, abs=allowed), name
 
