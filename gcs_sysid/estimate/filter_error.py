@@ -2,8 +2,9 @@
 
 The innovations of the aided filter are independent of the past if the model is right (Maine &
 Iliff, NASA RP-1138, 1985; Jategaonkar, *Flight Vehicle System Identification*, 2nd ed. 2015,
-chapter 5). `settling` comes near what they say by turns that take seconds, `scoring` ends the
-search by steps that know all that a filter changes.
+chapter 5). On the stretch with the most control `settling` comes near what they say by turns that
+take seconds, and `scoring` ends the search there by steps that know all that a filter changes; from
+there its steps over the whole flight are few.
 
 Stated deviations are those of the equations that are solved, with the prior, and wider where the
 scores of stretches of flight scatter more than independent innovations would make them.
@@ -19,8 +20,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import scoring, settling
+from gcs_sysid.estimate import flight_rows, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
+from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.frames import Array
@@ -51,6 +53,7 @@ class Fit:
         whitened: innovations over the root of their covariance.
         log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the search ended because nothing more was to be gained.
+        stretch: curvature of the busiest part of the flight.
     """
 
     unknowns: Unknowns
@@ -63,6 +66,7 @@ class Fit:
     whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     converged: bool
+    stretch: Curvature
 
 
 def fit(
@@ -73,7 +77,7 @@ def fit(
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
     *,
-    near: bool = False,
+    stretch: Curvature | None = None,
 ) -> Fit:
     """Fits one flight.
 
@@ -85,10 +89,23 @@ def fit(
             `ravel_pytree`, and about the intensities.
         counts: rows from which derivatives are learned.
         progress: told about every turn.
-        near: whether `first` is near what is sought.
+        stretch: from an earlier fit of this flight, near which `first` then is.
+
+    Raises:
+        LostError: the filter lost the aircraft.
     """
-    begun = settling.settle(model, flight, first, beliefs, counts, progress, near=near, turns=TURNS)
-    done = scoring.climbed(model, first.means, begun, beliefs, progress)
+    count = flight.rows.step.shape[0]
+    taken = flight_rows.busiest(flight, settling.STRETCH)
+    whole = taken.stop - taken.start == count
+    done = None
+    if stretch is None:
+        part = flight if whole else flight_rows.cut(flight, taken)
+        begun = settling.settle(model, part, first, beliefs, counts[taken], progress)
+        done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        first, stretch = done.unknowns, done.curvature
+    if done is None or not whole:
+        begun = settling.rested(model, flight, first, beliefs, counts)
+        done = scoring.climbed(model, first.means, begun, beliefs, progress, stretch)
     unknowns = done.unknowns
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
@@ -107,6 +124,7 @@ def fit(
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.ended,
+        stretch=stretch,
     )
 
 
@@ -144,7 +162,7 @@ def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:
     flight says nothing; parameters that are held count as known, and have none.
     """
     free = np.flatnonzero(done.free[0][:count])
-    matrix = done.asked.information + done.precision
+    matrix = done.curvature.information + done.precision
     matrix[: free.size, : free.size] -= done.precision[: free.size, : free.size]
     size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))

@@ -34,16 +34,13 @@ class Flight:
     beginning: Beginning
 
 
-def most_controlled(flight: Flight, count: int) -> Flight:
-    """The stretch of `count` rows where the controls moved most; the flight if it is no longer.
+def busiest(flight: Flight, count: int) -> slice:
+    """Where the controls of a flight move most for `count` rows, all of the flight if no longer.
 
     The one with the greatest product of the controls' shares of movement, so that none is left out.
     """
-    return flight if flight.rows.step.shape[0] <= count else cut(flight, busiest(flight, count))
-
-
-def busiest(flight: Flight, count: int) -> slice:
-    """Where the controls of a flight move most for `count` rows."""
+    if flight.rows.step.shape[0] <= count:
+        return slice(0, flight.rows.step.shape[0])
     moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
     moved[0] = 0.0
     moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)

@@ -15,6 +15,7 @@ e of all unknowns moves such sums by −A e, A = Σ Jᵀ T.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -34,8 +35,54 @@ from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Moving, Path
 from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
 
+HIDDEN = 1e-8
+"""A stretch that tells less of a combination of unknowns than this share of what it could tells
+nothing of how much gains and path take away."""
 TOGETHER = 4
 """Unknowns whose changes are worked out side by side."""
+
+
+class Curvature(NamedTuple):
+    """What an error of the unknowns does to the sums that `scores` makes, and how these scatter.
+
+    Attributes:
+        slope: by how much an error of each unknown, in columns, moves the sums.
+        scatter: of the sums, were innovations independent.
+        information: Fisher's, of T and V of all.
+    """
+
+    slope: Float[np.ndarray, "unknown unknown"]
+    scatter: Float[np.ndarray, "unknown unknown"]
+    information: Float[np.ndarray, "unknown unknown"]
+
+    def on(
+        self,
+        scatter: Float[np.ndarray, "unknown unknown"],
+        precision: Float[np.ndarray, "unknown unknown"],
+    ) -> Curvature:
+        """As on a flight of which only the scatter is known, this being that of a stretch of it.
+
+        How much of what J promises the gains and the path take away hangs on the aircraft and its
+        gusts. In units of the scatter's symmetric root both are near one matrix, and what is taken
+        from one to the other is how they differ from it: deviations by two busy stretches of 40 s
+        are within 6 % of those by the whole flight.
+
+        Args:
+            scatter: of the whole flight.
+            precision: of the beliefs about the unknowns.
+        """
+        size, values, vectors = _unit(self.scatter + precision)
+        seen = values > HIDDEN
+        known, hidden = vectors[:, seen] / np.sqrt(values[seen]), vectors[:, ~seen]
+        own, values, own_vectors = _unit(scatter + precision)
+        root = (own_vectors * np.sqrt(np.maximum(values, 0.0))) @ own_vectors.T * own
+
+        def carried(matrix: Float[np.ndarray, "unknown unknown"]) -> np.ndarray:
+            inner = known.T @ ((matrix + precision) / np.outer(size, size)) @ known
+            relation = vectors[:, seen] @ inner @ vectors[:, seen].T + hidden @ hidden.T
+            return root.T @ relation @ root - precision
+
+        return Curvature(carried(self.slope), scatter, carried(self.information))
 
 
 class Instruments(NamedTuple):
@@ -46,17 +93,17 @@ class Instruments(NamedTuple):
     worked out once, they serve for all steps of a search nearby.
 
     Attributes:
-        chunks: T and V of each unknown, V as the pairs of `_pairs`; 0 in rows that are not asked.
-            Of parameters that are not asked by the likelihood, J and no V.
-        slope: by how much an error of each unknown, in columns, moves the sums that `scores` makes.
-        scatter: of these sums, were innovations independent.
-        information: Fisher's, of T and V of all.
+        innovations: of each chunk, T of the unknowns that are asked by the likelihood, J of the
+            others; 0 in rows that are not asked.
+        spreads: V of the former, as the pairs of `_pairs`.
+        by_likelihood: which they are.
+        curvature: of the sums made with them.
     """
 
-    chunks: tuple[Changed, ...]
-    slope: Float[np.ndarray, "unknown unknown"]
-    scatter: Float[np.ndarray, "unknown unknown"]
-    information: Float[np.ndarray, "unknown unknown"]
+    innovations: tuple[Float[np.ndarray, "unknown sample row"], ...]
+    spreads: tuple[Float[np.ndarray, "asked sample pair"], ...]
+    by_likelihood: Bool[np.ndarray, " unknown"]
+    curvature: Curvature
 
 
 def instruments(
@@ -68,6 +115,8 @@ def instruments(
     free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]],
     sizes: Float[np.ndarray, " parameter"],
     by_likelihood: Bool[np.ndarray, " parameter"],
+    *,
+    stretch: tuple[Curvature, Float[np.ndarray, "unknown unknown"]] | None = None,
 ) -> Instruments:
     """Instruments of a flight.
 
@@ -82,34 +131,55 @@ def instruments(
             thrust has corners: over a step too small, a sample that crosses one seems to tell much.
         by_likelihood: parameters that are found by the slope of the likelihood; the others by
             sensitivities at held gains.
+        stretch: curvature of a stretch of this flight, and the precision of the beliefs. T and V of
+            the others are then left out, which is most of the work.
     """
     found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
-    asked = _Asked(model, means, log_noise, path, found, noises, sizes[found])
+    asked = np.concatenate([by_likelihood[found], np.ones(noises.size, dtype=bool)])
+    wanted_of = np.flatnonzero(asked) if stretch is not None else np.arange(asked.size)
+    part_of = np.flatnonzero(asked[wanted_of])
+    change = _Asked(model, means, log_noise, path, found, noises, sizes[found], wanted_of)
     about = intensities.lined(model, means, path, log_noise)
-    start, first, chunks = path.start, 0, []
-    sums = np.zeros((3, found.size + noises.size, found.size + noises.size))
-    robust = np.flatnonzero(~by_likelihood[found])
+    start, first = path.start, 0
+    innovations, spreads = [], []
+    weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
+    slope, scatter, information = np.zeros((3, asked.size, asked.size))
     for chunk, rows, still in zip(path.chunks, *about[1:], strict=True):
         end, done = linear_filter.run(start, rows)
         wanted = np.zeros(chunk.row.step.size, dtype=bool)
         part = counts[first : first + wanted.size]
         wanted[: part.size] = part
-        changed, held = asked.chunk(chunk, start, rows, done, still, wanted)
-        every = _flat(changed)
-        changed.innovation[robust], changed.spread[robust] = held[robust], 0.0
-        own = _flat(changed)
-        sums += np.stack([own @ every.T, own @ own.T, every @ every.T])
-        chunks.append(changed)
+        changed, held = change.chunk(chunk, start, rows, done, still, wanted)
+        own = np.zeros((asked.size, *held.shape[1:]), np.float32)
+        own[~asked] = held[~by_likelihood[found]]
+        own[asked], turned = changed.innovation[part_of], changed.spread[part_of]
+        innovations.append(own)
+        spreads.append(turned)
+        flat, every = (_flat(each) for each in (own, changed.innovation))
+        spread, every_spread = (_flat(each * weight) for each in (turned, changed.spread))
+        scatter += flat @ flat.T
+        scatter[np.ix_(asked, asked)] += spread @ spread.T
+        if stretch is None:
+            slope += flat @ every.T
+            slope[asked] += spread @ every_spread.T
+            information += every @ every.T + every_spread @ every_spread.T
         start, first = end, first + part.size
-    return Instruments(tuple(chunks), *sums)
+    curvature = Curvature(slope, scatter, information)
+    if stretch is not None:
+        curvature = stretch[0].on(scatter, stretch[1])
+    return Instruments(tuple(innovations), tuple(spreads), asked, curvature)
 
 
-def _flat(changed: Changed) -> Float[np.ndarray, "unknown part"]:
-    """T and V of a chunk so that their products are T·T + ½ tr(V V)."""
-    count = len(changed.innovation)
-    weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
-    parts = changed.innovation.reshape(count, -1), (changed.spread * weight).reshape(count, -1)
-    return np.concatenate(parts, axis=1)
+def _flat(parts: Float[np.ndarray, "unknown sample part"]) -> Float[np.ndarray, "unknown all"]:
+    return parts.reshape(len(parts), math.prod(parts.shape[1:])).astype(np.float64)
+
+
+def _unit(
+    matrix: Float[np.ndarray, "row row"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Roots of a matrix's diagonal, and eigenvalues and vectors of what it is in units of them."""
+    size = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
+    return size, *np.linalg.eigh(matrix / np.outer(size, size))
 
 
 def scores(
@@ -124,11 +194,11 @@ def scores(
     first, second, weight = _pairs(white.shape[1])
     excess = 0.5 * weight * (white[:, first] * white[:, second] - (first == second))
     blocks, begin = [], 0
-    for change, spread in asked.chunks:
+    for change, spread in zip(asked.innovations, asked.spreads, strict=True):
         size, count, _ = change.shape
         rows = slice(begin, begin + count)
-        each = np.einsum("ukp,kp->ku", spread, excess[rows])
-        each -= np.einsum("ukr,kr->ku", change, white[rows])
+        each = -np.einsum("ukr,kr->ku", change, white[rows])
+        each[:, asked.by_likelihood] += np.einsum("ukp,kp->ku", spread, excess[rows])
         blocks.append(each.reshape(-1, causal.BLOCK, size).sum(axis=1))
         begin += count
     return np.concatenate(blocks)
@@ -145,6 +215,7 @@ class _Asked:
         found: parameters that are asked about.
         noises: intensities likewise.
         steps: of the parameters.
+        wanted_of: which of all these T and V are wanted of.
     """
 
     def __init__(
@@ -156,16 +227,17 @@ class _Asked:
         found: Int[np.ndarray, " parameter"],
         noises: Int[np.ndarray, " intensity"],
         steps: Float[np.ndarray, " parameter"],
+        wanted_of: Int[np.ndarray, " wanted"],
     ) -> None:
         flat, unravel = ravel_pytree(means)
         logs, unravel_logs = ravel_pytree(log_noise)
         self._at = (model, means, log_noise)
-        self._found, self._steps = jnp.asarray(found), steps
+        self._found, self._steps, self._wanted_of = jnp.asarray(found), steps, wanted_of
         self._moved = [
             unravel(flat.at[index].add(step)) for index, step in zip(found, steps, strict=True)
         ]
         self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
-        self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * (found.size + noises.size)
+        self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * wanted_of.size
         self._sensitivity = jnp.zeros((aided.SIZE, found.size))
         self._last: State | None = None
 
@@ -178,7 +250,7 @@ class _Asked:
         still: intensities.Still,
         wanted: Bool[np.ndarray, " sample"],
     ) -> tuple[Changed, Float[np.ndarray, "parameter sample row"]]:
-        """T and V of a chunk's rows that are wanted, an unknown each, and J of the parameters."""
+        """T and V of a chunk's rows that are wanted, an unknown each, and J of all parameters."""
         model, means, log_noise = self._at
         motion, seen = causal.sensitivities(model, means, log_noise, chunk, rows, self._found)
         self._sensitivity, follows, white = causal.followed(
@@ -193,15 +265,19 @@ class _Asked:
         )
         for first in range(0, size, TOGETHER):
             group = range(first, min(first + TOGETHER, size))
-            others = [self._other(number, chunk, rows, still, leap, follows) for number in group]
+            others = [
+                self._other(int(self._wanted_of[place]), chunk, rows, still, leap, follows)
+                for place in group
+            ]
             spare = TOGETHER - len(others)
             begun = [*self._beliefs[first : first + TOGETHER], *[start] * spare]
             both = _changes(start, rows, done, [*others, *[rows] * spare], begun)
-            for number, (belief, told) in zip(group, both, strict=False):
-                self._beliefs[number] = belief
-                every.innovation[number, wanted] = np.asarray(told.innovation)[wanted]
-                every.spread[number, wanted] = np.asarray(told.spread)[wanted]
+            for place, (belief, told) in zip(group, both, strict=False):
+                self._beliefs[place] = belief
+                every.innovation[place, wanted] = np.asarray(told.innovation)[wanted]
+                every.spread[place, wanted] = np.asarray(told.spread)[wanted]
         steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
+        steps = steps[self._wanted_of]
         held = np.where(wanted[:, None], np.moveaxis(np.asarray(white), 2, 0), 0.0)
         return Changed(*(part / steps.astype(np.float32)[:, None, None] for part in every)), held
 

@@ -107,7 +107,6 @@ def settle(
     progress: Callable[[str], None],
     *,
     near: bool = False,
-    turns: int = TURNS,
 ) -> Settled:
     """Settles a flight.
 
@@ -119,7 +118,6 @@ def settle(
         counts: rows from which the parameters of the mean are taken.
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
-        turns: over the whole flight, at most.
     """
     if not near:
         part, every = flight, counts
@@ -131,7 +129,23 @@ def settle(
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
-    return _turns(model, flight, first, beliefs, counts, turns, progress, oriented=False)
+    return _turns(model, flight, first, beliefs, counts, TURNS, progress, oriented=False)
+
+
+def rested(
+    model: FlightModel,
+    flight: Flight,
+    unknowns: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+) -> Settled:
+    """A flight at unknowns that were found otherwise."""
+    path = _path(model, flight, unknowns)
+    chosen = np.diagonal(beliefs.covariance) > 0.0
+    last = causal.passed(model, *unknowns, path, counts, chosen=chosen)
+    values = np.asarray(ravel_pytree(unknowns.means)[0])
+    density = float(last.log_likelihood.sum())
+    return Settled(values, unknowns.log_noise, last, counts, (density,), ended=True)
 
 
 def _neared(

@@ -104,7 +104,7 @@ def identify(
     found = _believed(mean, sigma)
     for number, item in enumerate(prepared):
         first = item.first if number == 0 else _with(item.first, found)
-        fit = _fit(model, item, first, found, ~item.held, near=False, progress=told(number))
+        fit = _fit(model, item, first, found, ~item.held, None, told(number))
         scored_fits.append(fit)
         found = _after(found, fit)
     scored = found
@@ -114,7 +114,7 @@ def identify(
             first = _with(scored_fits[number].unknowns, scored)
             every = np.ones_like(item.held)
             tell = told(len(prepared) + number)
-            fit = _fit(model, item, first, found, every, near=True, progress=tell)
+            fit = _fit(model, item, first, found, every, scored_fits[number], tell)
             final_fits.append(fit)
             found = _after(found, fit)
     else:
@@ -192,8 +192,7 @@ def _fit(
     first: Unknowns,
     found: Derivatives,
     counts: Bool[np.ndarray, " row"],
-    *,
-    near: bool,
+    earlier: Fit | None,
     progress: Callable[[str], None],
 ) -> Fit:
     rows = item.rows
@@ -203,7 +202,8 @@ def _fit(
     off = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
     source, before = item.one.recording.source, _beliefs(item, found)
     try:
-        fit = filter_error.fit(model, rows, first, before, counts, progress, near=near)
+        stretch = None if earlier is None else earlier.stretch
+        fit = filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
     except LostError as error:
         raise UnsettledError(f"{source}: the filter lost the aircraft: {off}") from error
     if not fit.converged and abs(_grown(fit)) > STILL_GROWING:

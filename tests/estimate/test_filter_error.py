@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid.estimate import filter_error, intensities
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
-from gcs_sysid.estimate.likelihood import Instruments
+from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.reconstruct import aided_smoother
@@ -73,7 +73,7 @@ def test_what_no_row_tells_is_infinite() -> None:
     done = Scored(
         unknowns=known,
         free=(parameters, intensities_),
-        asked=Instruments((), information, information, information),
+        curvature=Curvature(information, information, information),
         blocks=np.zeros((2, 3)),
         precision=np.diag([10.0, 10.0, 1.0]),
         whitened=np.zeros((1, 1)),
@@ -92,7 +92,7 @@ def test_sums_that_move_less_are_known_less() -> None:
     done = Scored(
         unknowns=known,
         free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
-        asked=Instruments((), np.array([[2.0]]), np.array([[4.0]]), np.array([[4.0]])),
+        curvature=Curvature(np.array([[2.0]]), np.array([[4.0]]), np.array([[4.0]])),
         blocks=np.zeros((2, 1)),
         precision=np.zeros((1, 1)),
         whitened=np.zeros((1, 1)),
@@ -100,3 +100,27 @@ def test_sums_that_move_less_are_known_less() -> None:
         ended=True,
     )
     np.testing.assert_allclose(done.covariance(), [[1.0]])
+
+
+def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:
+    """And what goes with it: here a derivative that moves by 20 for a second of lag."""
+    known = made.unknowns(1.0)
+    flat, unravel = ravel_pytree(jax.tree.map(jnp.zeros_like, known.means))
+    marked = unravel(flat)
+    marked = marked._replace(sensors=marked.sensors._replace(moment_lag=jnp.ones(())))
+    free = np.asarray(ravel_pytree(marked)[0]) > 0.0
+    free[0] = True
+    found = np.array([[0.01 + 400.0 * 4e-8, 20.0 * 4e-8], [20.0 * 4e-8, 4e-8]])
+    information = np.linalg.inv(found)
+    done = Scored(
+        unknowns=known,
+        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
+        curvature=Curvature(information, information, information),
+        blocks=np.zeros((2, 2)),
+        precision=np.zeros((2, 2)),
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=True,
+    )
+    wanted = found + 1e-6 * np.array([[400.0, 20.0], [20.0, 1.0]])
+    np.testing.assert_allclose(done.covariance(), wanted, rtol=1e-6)

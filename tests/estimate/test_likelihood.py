@@ -85,7 +85,7 @@ def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) ->
     _, steps = run(FLAT, LOGS, path)
     white = np.concatenate([done.whitened for done in steps])
     found = likelihood.scores(asked, white).sum(axis=0)
-    size = np.sqrt(np.diagonal(asked.information))
+    size = np.sqrt(np.diagonal(asked.curvature.information))
     _, first, first_turned = differences(0, path)
     for index in range(len(found)):
         slope, change, turned = differences(index, path)
@@ -93,9 +93,11 @@ def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) ->
         both = np.sum(first * change) + 0.5 * np.sum(first_turned * turned.swapaxes(1, 2))
         # The path moves as it would with the gains held: to a twentieth of a deviation.
         assert found[index] / size[index] == pytest.approx(slope / size[index], abs=0.05), index
-        assert asked.information[index, index] == pytest.approx(told, rel=0.02), index
+        assert asked.curvature.information[index, index] == pytest.approx(told, rel=0.02), index
         scale = size[0] * size[index]
-        assert asked.information[0, index] / scale == pytest.approx(both / scale, abs=0.01), index
+        assert asked.curvature.information[0, index] / scale == pytest.approx(
+            both / scale, abs=0.01
+        ), index
 
 
 def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
@@ -105,10 +107,10 @@ def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
     both = [
         likelihood.instruments(
             made.MODEL, *KNOWN, path, counts, free, sizes, np.ones(FLAT.size, dtype=bool)
-        ).information
+        ).curvature.information
         for counts in (half, ~half)
     ]
-    np.testing.assert_allclose(both[0] + both[1], asked.information[:2, :2], rtol=1e-5)
+    np.testing.assert_allclose(both[0] + both[1], asked.curvature.information[:2, :2], rtol=1e-5)
     assert np.all(np.diagonal(both[0]) > 0.0)
     assert np.all(np.diagonal(both[1]) > 0.0)
     assert jnp.isfinite(both[0]).all()
@@ -124,15 +126,57 @@ def test_asked_at_held_gains_it_is_the_estimating_equation(path, asked) -> None:
     taken = np.ix_(free[0], free[0])
     size = np.sqrt(np.diagonal(done.told.matrix)[free[0]])
     unit = np.outer(size, size)
-    np.testing.assert_allclose(held.scatter / unit, done.told.matrix[taken] / unit, atol=1e-5)
+    np.testing.assert_allclose(
+        held.curvature.scatter / unit, done.told.matrix[taken] / unit, atol=1e-5
+    )
     score = likelihood.scores(held, done.whitened).sum(axis=0)
     np.testing.assert_allclose(score / size, done.told.score[free[0]] / size, atol=1e-4)
     # What the likelihood itself would know does not hang on how it is asked.
-    known = asked.information[:DERIVATIVES, :DERIVATIVES]
-    np.testing.assert_allclose(held.information / unit, known / unit, atol=1e-4)
-    white = np.concatenate([part.innovation for part in held.chunks], axis=1)
+    known = asked.curvature.information[:DERIVATIVES, :DERIVATIVES]
+    np.testing.assert_allclose(held.curvature.information / unit, known / unit, atol=1e-4)
+    white = np.concatenate(held.innovations, axis=1)
     for place in (0, 4):
         _, change, _ = differences(place, path)
         wanted = np.einsum("ukr,kr->u", white, change)
         scale = size * size[place]
-        np.testing.assert_allclose(held.slope[:, place] / scale, wanted / scale, atol=0.02)
+        np.testing.assert_allclose(
+            held.curvature.slope[:, place] / scale, wanted / scale, atol=0.02
+        )
+
+
+def test_with_the_curvature_of_a_stretch_only_what_the_likelihood_finds_is_worked_out(path) -> None:
+    """Sums are the same; of a stretch that is the whole flight the curvature is, too."""
+    free = np.arange(FLAT.size) < DERIVATIVES, np.arange(LOGS.size) < 4
+    every, sizes = np.ones(made.COUNT, dtype=bool), np.full(FLAT.size, 1e-4)
+    first = np.arange(FLAT.size) == 2
+    _, steps = run(FLAT, LOGS, path)
+    white = np.concatenate([done.whitened for done in steps])
+    args = (made.MODEL, *KNOWN, path, every, free, sizes, first)
+    whole = likelihood.instruments(*args)
+    precision = np.zeros_like(whole.curvature.slope)
+    part = likelihood.instruments(*args, stretch=(whole.curvature, precision))
+    np.testing.assert_array_equal(
+        part.by_likelihood, [False, False, True, *whole.by_likelihood[3:]]
+    )
+    np.testing.assert_allclose(likelihood.scores(part, white), likelihood.scores(whole, white))
+    size = np.sqrt(np.diagonal(whole.curvature.scatter))
+    for mine, other in zip(part.curvature, whole.curvature, strict=True):
+        np.testing.assert_allclose(
+            mine / np.outer(size, size), other / np.outer(size, size), atol=1e-6
+        )
+
+
+def test_a_flight_of_four_stretches_is_four_times_as_curved() -> None:
+    """And of what the stretch does not tell, the whole flight's own scatter is all there is."""
+    slope = np.array([[2.0, 0.5, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    scatter = np.array([[3.0, 0.6, 0.0], [0.6, 1.5, 0.0], [0.0, 0.0, 0.0]])
+    information = 1.2 * scatter
+    stretch = likelihood.Curvature(slope, scatter, information)
+    prior = np.zeros((3, 3))
+    flight = 4.0 * scatter
+    flight[2, 2] = 7.0
+    found = stretch.on(flight, prior)
+    np.testing.assert_allclose(found.slope[:2, :2], 4.0 * slope[:2, :2])
+    np.testing.assert_allclose(found.information[:2, :2], 4.0 * information[:2, :2])
+    np.testing.assert_allclose(found.slope[2], flight[2], atol=1e-12)
+    np.testing.assert_array_equal(found.scatter, flight)

@@ -12,6 +12,8 @@ import pytest
 
 from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import InputError, RefusedError, UsageError
+from gcs_sysid.estimate import filter_error
+from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.offline import inspect, model_store
 from tests.offline.conftest import AIRCRAFT, DEMO, ROOT, SECOND, Identified, beginning, run
 
@@ -362,3 +364,23 @@ def test_a_log_that_is_not_there_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.tlog"):
         run([tmp_path / "absent.tlog"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
+    short: Path,
+    short_run: Identified,
+    tmp_path: Path,
+    cached: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The model is that of least squares, and the summary says whose it is and why."""
+
+    def lost(*_: Any, **__: Any) -> None:
+        raise LostError
+
+    monkeypatch.setattr(filter_error, "fit", lost)
+    found = run([short], tmp_path / "lost", method="filter-error").summary
+    assert found["method"]["name"] == "equation_error"
+    assert "the filter lost the aircraft" in found["method"]["reason"]
+    assert "short.tlog" in found["method"]["reason"]
+    assert found["derivatives"] == short_run.summary["derivatives"]
