@@ -111,12 +111,11 @@ def fit(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
     )
     keys = derivative_keys(unknowns.means.aerodynamics)
-    taken = np.arange(len(keys))
     covariance, deviation = _covariance(done)
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
-        covariance=covariance[np.ix_(taken, taken)],
+        covariance=covariance[: len(keys), : len(keys)],
         keys=keys,
         bound=_bound(done, len(keys)),
         states=states,

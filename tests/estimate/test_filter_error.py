@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid.estimate import filter_error, intensities
+from gcs_sysid.estimate import filter_error, intensities, settling
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.likelihood import Curvature
@@ -32,6 +32,8 @@ def _short_chunks() -> Iterator[None]:
         # Those of `test_likelihood`, so that they are compiled once.
         patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
         patch.setattr(intensities, "SAMPLE_ROWS", made.COUNT // 2)
+        # A search begins on half of the flight.
+        patch.setattr(settling, "STRETCH", made.COUNT // 2)
         yield
 
 
