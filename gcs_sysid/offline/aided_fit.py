@@ -35,9 +35,9 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
-STILL_GROWING = 10.0
+STILL_GROWING = 2.0
 """A search that has not ended, and whose log-likelihood changed by more than this with its last
-step, has found nothing [nat]."""
+step, has found nothing [nat]: that is two deviations of a parameter."""
 
 
 class UnsettledError(Exception):
