@@ -31,8 +31,6 @@ from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.linear_filter import Belief
 
-TURNS = 1
-"""Over the whole flight, before the last steps."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 

@@ -50,8 +50,8 @@ LONGEST = 0.7
 TIMING = 1e-3
 """How well the lag of the moments can be known [s]. It is told by how disturbances come through,
 not by the answer to the controls, and there whatever is late by a few milliseconds looks like it: a
-gyro's own filter, the steps of a simulation. On flights whose simulator steps by 10 ms it comes out
-at 3.5 ms where 5 ms are true, and all roll derivatives 3 % too large with it."""
+gyro's own filter, the steps of a simulation. On a flight whose simulator seems to step by 10 ms it
+comes out at 3.5 ms where 5 ms make all roll derivatives right, and they are 3 % too large."""
 PASSES = 2
 """Of the filter, after which its path has followed the parameters."""
 Unknown = Float[np.ndarray, " unknown"]

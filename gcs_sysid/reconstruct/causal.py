@@ -372,14 +372,5 @@ def followed(
     return end, Moving(before, after, motion, seen), white
 
 
-@jax.jit
-def _carried(
-    sensitivity: Float[Array, "state parameter"],
-    rows: Linearised,
-    done: linear_filter.Filtered,
-    motion: Float[Array, "sample state parameter"],
-    seen: Float[Array, "sample row parameter"],
-) -> tuple[Array, Float[Array, "sample row parameter"]]:
-    """Of `followed` the end and the innovations: the rest is not kept."""
-    end, _, white = followed(sensitivity, rows, done, motion, seen)
-    return end, white
+_carried = jax.jit(lambda *given: followed(*given)[::2])
+"""Of `followed` the end and the innovations: the rest is not kept."""
