@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from jaxtyping import Float
 
 
@@ -77,17 +78,33 @@ def posterior(
         mean: prior mean of each unknown; None for 0.
     """
     centre = np.zeros(sigma.size) if mean is None else mean
+    free, factor, whitened, evidence = _solved(data, sigma, centre)
+    spread = sigma[free, None] * np.linalg.inv(factor).T
+    found, covariance = centre.copy(), np.zeros((sigma.size, sigma.size))
+    found[free] += spread @ whitened
+    covariance[np.ix_(free, free)] = spread @ spread.T
+    return Posterior(found, covariance, evidence)
+
+
+def log_evidence(
+    data: Information,
+    sigma: Float[np.ndarray, " unknown"],
+    mean: Float[np.ndarray, " unknown"],
+) -> float:
+    """Evidence alone, in a fraction of the time; see `posterior`."""
+    return _solved(data, sigma, mean)[3]
+
+
+def _solved(
+    data: Information, sigma: Float[np.ndarray, " unknown"], centre: Float[np.ndarray, " unknown"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """What is free, the root of Λ among it, the score in its units, and the evidence."""
     score = data.score - data.gram @ centre
     shifted = float(centre @ data.score - 0.5 * centre @ data.gram @ centre)
     free = np.flatnonzero(sigma)
     size = sigma[free]
     scaled = size[:, None] * data.gram[np.ix_(free, free)] * size
     factor = np.linalg.cholesky(np.eye(free.size) + scaled)
-    inverse = np.linalg.inv(factor)
-    whitened = inverse @ (size * score[free])
-    spread = size[:, None] * inverse.T
-    found, covariance = centre.copy(), np.zeros((sigma.size, sigma.size))
-    found[free] += spread @ whitened
-    covariance[np.ix_(free, free)] = spread @ spread.T
+    whitened = scipy.linalg.solve_triangular(factor, size * score[free], lower=True)
     determinant = float(np.sum(np.log(np.diagonal(factor))))
-    return Posterior(found, covariance, 0.5 * float(whitened @ whitened) - determinant + shifted)
+    return free, factor, whitened, 0.5 * float(whitened @ whitened) - determinant + shifted

@@ -36,6 +36,7 @@ class Ranked:
         log_bayes_factor: evidence against that of nothing being wrong [nat].
         estimates: of the parameters, one tuple a cause.
         posterior: of all unknowns.
+        accuracy: what the aerodynamics of the file are off by, over the sigmas that it states.
     """
 
     causes: tuple[Candidate, ...]
@@ -44,6 +45,7 @@ class Ranked:
     log_bayes_factor: float
     estimates: tuple[tuple[Estimate, ...], ...]
     posterior: Posterior
+    accuracy: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ def diagnosed(
     fitted, held_out = _parts(flights, apart=apart)
     aircraft, file = (_as_found(one, under.delay) for one in (aircraft, under.aircraft))
     found = investigation.investigate(aircraft, flights, fitted, held_out, progress)
-    deviations = ranking.deviations(found.information, found.unknowns, found.candidates)
+    deviations = ranking.deviations(found.information, found.believed, found.candidates)
     sizes = found.unknowns.sizes
     answer = verdict.judge(found.ranked, verdict.would_show(found.candidates, deviations, sizes))
     best = answer.best
@@ -80,6 +80,7 @@ def diagnosed(
         "gain": departed.gain(table, found, held_out, named is not None, gained),
         "detectable": entries.detectable(found.candidates, deviations, sizes),
         "strained": strained,
+        "file_accuracy": best.accuracy,
         "used": "every measurement, inside the aided filter",
         "maneuvers": summary.maneuvers(flights, held_out),
         "reconstruction": summary.reconstruction(flights[0]),

@@ -64,13 +64,18 @@ class Investigation:
     settled: tuple[Settled, ...]
     notes: tuple[str, ...]
 
+    @property
+    def believed(self) -> Unknowns:
+        """The unknowns with the file as accurate as the most probable set has it."""
+        return self.unknowns.as_accurate(self.ranked[0].accuracy)
+
     def gained(self, causes: Sequence[Candidate]) -> float:
         """Log predictive density per measurement that causes gain on what took no part."""
-        return gain.gained(self.information, self.apart, self.unknowns, causes)
+        return gain.gained(self.information, self.apart, self.believed, causes)
 
     def foretold(self, causes: Sequence[Candidate]) -> float:
         """Log predictive density per measurement of what took no part, with these causes."""
-        total = gain.foretold(self.information, self.apart, self.unknowns, causes)
+        total = gain.foretold(self.information, self.apart, self.believed, causes)
         return total / max(self.apart.count, 1.0)
 
 
@@ -247,7 +252,7 @@ def _missing(
         usual,
         found.sizes,
         len(subjects),
-    )
+    ).as_accurate(best.accuracy)
     wide = [
         settled.with_terms(model, one, last, names, products)
         for one, last in zip(subjects, done, strict=True)

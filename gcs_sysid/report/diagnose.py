@@ -97,8 +97,19 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     others = [item for item in summary["ranking"][1:4]]
     words = "; ".join(f"{_label(item)} {100.0 * item['probability']:.0f} %" for item in others)
     found.append(Finding("Else", f"{words}."))
+    if "file_accuracy" in summary:
+        found.append(Finding("File", _accuracy(summary["file_accuracy"])))
     found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
+
+
+def _accuracy(share: float) -> str:
+    """How good the file's aerodynamics are, cause aside, as a sentence."""
+    if share < 1.0:
+        return f"in all else its aerodynamics are right to about {share:.2g} of their sigmas."
+    if share > 1.0:
+        return f"its aerodynamics are off by about {share:.2g} times what their sigmas say."
+    return "its aerodynamics are about as far off as their sigmas say."
 
 
 def _gained(gain: Mapping) -> str:

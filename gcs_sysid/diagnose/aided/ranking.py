@@ -1,16 +1,23 @@
-"""Which set of causes explains the flights: evidence, probabilities, estimates."""
+"""Which set of causes explains the flights: evidence, probabilities, estimates.
+
+How good a file is, its sigmas only guess, and the flights tell: where twenty derivatives agree with
+it to a percent, that all forces are larger by a tenth is no play of chance. By which share of their
+sigmas the derivatives are off is one more unknown, over which every set is averaged.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import logsumexp
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information, Posterior, posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior, log_evidence, posterior
 from gcs_sysid.diagnose.hypothesis import (
     PRIOR_OF_NONE,
     PRIOR_OF_ONE,
@@ -19,25 +26,73 @@ from gcs_sysid.diagnose.hypothesis import (
     Ranked,
 )
 
+LISTED = 40
+"""Sets that are looked at any further."""
 PAIRED = 12
 """So many of the best single causes are tried together with every other."""
+ACCURACIES = {0.05: 0.1, 0.1: 0.1, 0.25: 0.1, 0.5: 0.1, 1.0: 0.5, 2.0: 0.05, 4.0: 0.05}
+"""What the file's derivatives may be off by, over the sigmas that it states, and how probable it is
+before the flights."""
+BESIDES = 12.0
+"""Pairs are weighed without accuracies that the flights favour less by so much [nat]."""
 
 
 @dataclass(frozen=True)
 class _Tried:
-    """A cause at the place where it explains most, and what all its places together explain."""
+    """A cause at the place where it explains most, and what all its places together explain.
+
+    Attributes:
+        candidate: at that place.
+        evidence: at each accuracy of the file.
+        place: mean and standard deviation.
+    """
 
     candidate: Candidate
-    evidence: float
+    evidence: Float[np.ndarray, " accuracy"]
     place: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class _Files:
+    """The unknowns at each accuracy of the file, and the logarithm of its prior probability."""
+
+    unknowns: tuple[Unknowns, ...]
+    prior: Float[np.ndarray, " accuracy"]
+    accuracies: tuple[float, ...]
+
+    def evidence(
+        self, data: Information, causes: Sequence[Candidate]
+    ) -> Float[np.ndarray, " accuracy"]:
+        return np.array([log_evidence(data, *one.freed(causes)) for one in self.unknowns])
+
+    def averaged(self, evidence: Float[np.ndarray, "set accuracy"]) -> Float[np.ndarray, " set"]:
+        """Evidence over all accuracies."""
+        return logsumexp(evidence + self.prior, axis=1)
+
+    def kept(self, chosen: Bool[np.ndarray, " accuracy"]) -> _Files:
+        places = np.flatnonzero(chosen)
+        return _Files(
+            tuple(self.unknowns[i] for i in places),
+            self.prior[places],
+            tuple(self.accuracies[i] for i in places),
+        )
 
 
 def rank(
     data: Information, unknowns: Unknowns, candidates: Sequence[Candidate]
 ) -> tuple[Ranked, ...]:
     """Sets of up to two causes, the most probable first."""
-    nothing = posterior(data, *unknowns.freed(()))
-    tried = _tried(data, unknowns, candidates, nothing.log_evidence)
+    files = _Files(
+        tuple(unknowns.as_accurate(share) for share in ACCURACIES),
+        np.log(list(ACCURACIES.values())),
+        tuple(ACCURACIES),
+    )
+    nothing = files.evidence(data, ())
+    tried = _tried(data, files, candidates)
+    told = np.max([nothing, *(one.evidence for one in tried)], axis=0) + files.prior
+    likely = told > told.max() - BESIDES
+    files, nothing = files.kept(likely), nothing[likely]
+    tried = [replace(one, evidence=one.evidence[likely]) for one in tried]
     total = sum({one.candidate.cause.name: one.candidate.cause.weight for one in tried}.values())
     names = [one.candidate.cause.name for one in tried]
 
@@ -45,75 +100,63 @@ def rank(
         cause = one.candidate.cause
         return cause.weight / total / names.count(cause.name)
 
-    sets: list[tuple[tuple[_Tried, ...], float, float]] = [((), PRIOR_OF_NONE, 0.0)]
+    sets: list[tuple[tuple[_Tried, ...], float, np.ndarray]] = [((), PRIOR_OF_NONE, nothing)]
     sets += [((one,), PRIOR_OF_ONE * share(one), one.evidence) for one in tried]
-    best = sorted(tried, key=lambda one: -one.evidence)[:PAIRED]
-    for pair in itertools.combinations(tried, 2):
-        if not set(pair) & set(best):
+    alone = np.argsort(-files.averaged(np.array([one.evidence for one in tried])))
+    best = set(alone[:PAIRED].tolist())
+    for numbers in itertools.combinations(range(len(tried)), 2):
+        if not best.intersection(numbers):
             continue
-        causes = tuple(one.candidate for one in pair)
-        found = posterior(data, *unknowns.freed(causes))
-        sets.append(
-            (
-                pair,
-                2.0 * PRIOR_OF_TWO * share(pair[0]) * share(pair[1]),
-                found.log_evidence - nothing.log_evidence,
-            )
-        )
-    score = np.array([evidence + np.log(prior) for _, prior, evidence in sets])
+        pair = tuple(tried[number] for number in numbers)
+        prior = 2.0 * PRIOR_OF_TWO * share(pair[0]) * share(pair[1])
+        sets.append((pair, prior, files.evidence(data, [one.candidate for one in pair])))
+    evidence = np.array([each for _, _, each in sets])
+    favoured = np.argmax(evidence + files.prior, axis=1)
+    averaged = files.averaged(evidence)
+    score = averaged + np.log([prior for _, prior, _ in sets])
     weight = np.exp(score - score.max())
     probability = weight / weight.sum()
     order = np.argsort(-probability, kind="stable")
-    return tuple(
-        _ranked(data, unknowns, *sets[index], float(probability[index])) for index in order[:40]
-    )
+    ranked = []
+    for index in order[:LISTED]:
+        causes, prior, _ = sets[index]
+        own = files.unknowns[favoured[index]]
+        found = posterior(data, *own.freed([one.candidate for one in causes]))
+        ranked.append(
+            Ranked(
+                causes=tuple(one.candidate for one in causes),
+                prior=prior,
+                probability=float(probability[index]),
+                log_bayes_factor=float(averaged[index] - averaged[0]),
+                estimates=tuple(_estimates(one, found, own) for one in causes),
+                posterior=found,
+                accuracy=files.accuracies[favoured[index]],
+            )
+        )
+    return tuple(ranked)
 
 
-def _tried(
-    data: Information, unknowns: Unknowns, candidates: Sequence[Candidate], nothing: float
-) -> list[_Tried]:
+def _tried(data: Information, files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     """Every cause and what it is about, over the places where it may be."""
     found = []
     groups: dict[tuple[str, str], list[Candidate]] = {}
     for candidate in candidates:
         groups.setdefault((candidate.cause.name, candidate.about), []).append(candidate)
     for group in groups.values():
-        evidence = np.array(
-            [posterior(data, *unknowns.freed((one,))).log_evidence - nothing for one in group]
-        )
-        most = float(evidence.max())
-        weight = np.exp(evidence - most)
+        evidence = np.array([files.evidence(data, (one,)) for one in group])
+        total = files.averaged(evidence)
         place = None
         if group[0].at is not None:
             places = np.array([one.at for one in group], dtype=float)
             spacing = float(np.mean(np.diff(places))) if places.size > 1 else 0.0
+            weight = np.exp(total - total.max())
             mean = float(np.average(places, weights=weight))
             spread = float(np.average((places - mean) ** 2, weights=weight)) + spacing**2 / 12.0
-            size = unknowns.sizes[group[0].cause.where_per.format(about=group[0].about)]
+            size = files.unknowns[0].sizes[group[0].cause.where_per.format(about=group[0].about)]
             place = (mean * size, float(np.sqrt(spread)) * size)
-        found.append(
-            _Tried(group[int(evidence.argmax())], most + float(np.log(weight.mean())), place)
-        )
+        together = logsumexp(evidence, axis=0) - np.log(len(group))
+        found.append(_Tried(group[int(total.argmax())], together, place))
     return found
-
-
-def _ranked(
-    data: Information,
-    unknowns: Unknowns,
-    causes: tuple[_Tried, ...],
-    prior: float,
-    evidence: float,
-    probability: float,
-) -> Ranked:
-    found = posterior(data, *unknowns.freed([one.candidate for one in causes]))
-    return Ranked(
-        causes=tuple(one.candidate for one in causes),
-        prior=prior,
-        probability=probability,
-        log_bayes_factor=evidence,
-        estimates=tuple(_estimates(one, found, unknowns) for one in causes),
-        posterior=found,
-    )
 
 
 def _estimates(one: _Tried, found: Posterior, unknowns: Unknowns) -> tuple[Estimate, ...]:

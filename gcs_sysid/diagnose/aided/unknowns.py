@@ -10,7 +10,7 @@ milliseconds more than it says, which is no cause of anything.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -62,6 +62,11 @@ class Unknowns:
         freed = {name for candidate in causes for name in candidate.frees}
         kept = [index < self.parameters or name in freed for index, name in enumerate(self.names)]
         return np.where(kept, values, 0.0)
+
+    def as_accurate(self, share: float) -> Unknowns:
+        """The file's aerodynamics off by a share of what its sigmas say."""
+        aerodynamic = [name.startswith("aerodynamics.") for name in self.names]
+        return replace(self, sigma=np.where(aerodynamic, share * self.sigma, self.sigma))
 
     @property
     def of_file(self) -> Float[np.ndarray, " unknown"]:

@@ -1,0 +1,87 @@
+"""How good a file is, is told by the flight: what that does to the weighing of causes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_sysid.diagnose.aided import unknowns
+from gcs_sysid.diagnose.aided.ranking import rank
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import information, log_evidence, posterior
+from gcs_sysid.diagnose.hypothesis import Ranked
+
+COUNT, STATED, SEEN = 15, 0.1, 0.02
+"""Derivatives of an aircraft, what its file says they may be off by, and how well a flight knows
+them, all relative."""
+NAMES = tuple(f"aerodynamics.CZ.{index}" for index in range(COUNT))
+TOGETHER = {"mass": dict.fromkeys(NAMES, -1.0), "thrust": {"departures.thrust": 1.0}}
+"""A heavier aircraft has forces that are all smaller by one factor."""
+EVERY = tuple(Candidate(CAUSES[name]) for name in ("mass", "thrust_scale"))
+
+
+def listed() -> unknowns.Unknowns:
+    names = (*NAMES, "departures.thrust")
+    ordinary = np.array([STATED] * COUNT + [0.02])
+    usual = dict.fromkeys(TOGETHER, 0.0)
+    return unknowns.of_flights(names, ordinary, TOGETHER, usual, {"": 1.0}, 1)
+
+
+def ranked(off: np.ndarray, mass: float, seed: int) -> tuple[Ranked, ...]:
+    """What a flight says where the file is off and the mass is."""
+    every = listed()
+    columns = np.eye(COUNT + 1)[:COUNT] / SEEN
+    wide = columns @ np.concatenate([np.eye(COUNT + 1), every.directions], axis=1)
+    noise = np.random.default_rng(seed).standard_normal(COUNT)
+    return rank(information(wide, columns[:, :COUNT] @ (off - mass) + noise), every, EVERY)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_file_that_is_right_in_all_else_makes_the_cause_sure(seed: int) -> None:
+    best = ranked(np.zeros(COUNT), 0.08, seed)[0]
+    assert best.names == ("mass",)
+    assert best.log_bayes_factor > 5.0
+    assert best.accuracy < 0.5
+    [[estimate]] = best.estimates
+    assert abs(estimate.value - 1.08) < 4.0 * estimate.deviation
+    # As well as fifteen derivatives seen to 2 % can know it, not as fifteen stated to 10 % do.
+    assert estimate.deviation < 2.0 * SEEN / np.sqrt(COUNT)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_file_that_is_off_as_it_says_accuses_nobody(seed: int) -> None:
+    off = np.random.default_rng(100 + seed).normal(0.0, STATED, COUNT)
+    best = ranked(off - off.mean(), 0.0, seed)[0]
+    assert best.causes == ()
+    assert best.accuracy == pytest.approx(1.0, abs=0.5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_file_that_is_worse_than_it_says_is_found_out(seed: int) -> None:
+    off = np.random.default_rng(200 + seed).normal(0.0, 4.0 * STATED, COUNT)
+    assert ranked(off - off.mean(), 0.0, seed)[0].accuracy > 1.0
+
+
+def test_probabilities_are_those_of_evidence_averaged_over_accuracies() -> None:
+    found = ranked(np.zeros(COUNT), 0.03, 3)
+    assert sum(one.probability for one in found) == pytest.approx(1.0)
+    none = next(one for one in found if not one.causes)
+    for one in found:
+        odds = one.prior / none.prior * np.exp(one.log_bayes_factor)
+        assert one.probability / none.probability == pytest.approx(odds)
+
+
+def test_evidence_alone_is_that_of_the_posterior() -> None:
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((40, 6))
+    data = information(columns, rng.standard_normal(40))
+    sigma, mean = np.array([0.3, 0.0, 1.0, 2.0, 0.0, 0.1]), np.array([0, 0.2, 0, 0, 0, 0.1])
+    # ln N(y; X m, 1 + X S Xᵀ) less ln N(y; 0, 1), from the rows themselves.
+    left = np.linalg.lstsq(columns.T, data.score, rcond=None)[0]
+    spread = np.eye(40) + columns * sigma**2 @ columns.T
+    off = left - columns @ mean
+    direct = -0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
+    direct += 0.5 * left @ left
+    assert log_evidence(data, sigma, mean) == pytest.approx(direct)
+    assert posterior(data, sigma, mean).log_evidence == pytest.approx(direct)
