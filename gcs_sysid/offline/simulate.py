@@ -18,10 +18,11 @@ from gcs_sysid.offline import (
     maneuver_choice,
     summary,
     tested,
-    tolerances,
     windows,
 )
+from gcs_sysid.offline import tolerances as allowed
 from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.tolerances import Tolerances
 from gcs_sysid.offline.windows import CHANNELS, Simulated, Windows
 
 EVERY = 2
@@ -40,6 +41,7 @@ def run(
     progress: Progress,
     columns: Path | None = None,
     can: Path | None = None,
+    tolerances: Path | None = None,
 ) -> dict[str, Any]:
     """Flies the simulation beside the flight; writes `simulate.json` and `simulated.parquet`.
 
@@ -54,6 +56,7 @@ def run(
         columns: what the columns are where the log is a table.
         can: a CAN log of the same flight. Surfaces move as the simulation's servos make them, not
             as the bus measured them.
+        tolerances: file with what is asked of each channel; None for the usual ones.
 
     Raises:
         InputError: the log or the simulation cannot be used.
@@ -61,6 +64,11 @@ def run(
     """
     started = clock.perf_counter()
     under = tested.load(aircraft, model)
+    limits = (
+        allowed.usual(under.aircraft)
+        if tolerances is None
+        else allowed.read(tolerances, under.aircraft)
+    )
     one = flight.read(
         log,
         under.aircraft,
@@ -87,9 +95,10 @@ def run(
         "simulation": under.source,
         "flights": summary.flights_document([one]),
         "windows": {"count": int(cut.piece.size), "length_s": windows.LENGTH},
-        "channels": channels(flown, cut, found),
+        "channels": channels(limits, cut, found),
+        "theil_limit": limits.theil,
         "free_run": free_run(flown, windows.whole(one, flown)),
-        "departures": departures(one, flown, cut, found),
+        "departures": departures(one, limits, cut, found),
         "maneuvers": summary.maneuvers([one], []),
         "reconstruction": summary.reconstruction(one),
         "compatibility": summary.compatibility(one),
@@ -104,20 +113,19 @@ def run(
     return documents.plain(document)
 
 
-def channels(aircraft: Aircraft, cut: Windows, found: Simulated) -> dict[str, dict[str, Any]]:
+def channels(limits: Tolerances, cut: Windows, found: Simulated) -> dict[str, dict[str, Any]]:
     """How well each channel is simulated: bias and rms of simulated less measured, Theil's U.
 
     A channel passes where its rms error is within its tolerance, or small against the motion.
     """
-    limit = tolerances.tolerances(aircraft)
     document = {}
     for index, name in enumerate(CHANNELS):
         measured, simulated = cut.measured[..., index], found.value[..., index]
-        scored = agreement(measured, simulated)
+        scored, limit = agreement(measured, simulated), limits.channels[name]
         document[name] = {
             **scored,
-            "pass": bool(scored["rms"] <= limit[name] or scored["theil"] <= tolerances.THEIL),
-            "tolerance": limit[name],
+            "pass": bool(scored["rms"] <= limit or scored["theil"] <= limits.theil),
+            "tolerance": limit,
             "expected_sd": _rms(found.deviation[..., index]),
             "unit": UNITS.get(name, "rad"),
         }
@@ -207,24 +215,22 @@ def _rms(values: np.ndarray) -> float:
 
 
 def departures(
-    one: Flight, aircraft: Aircraft, cut: Windows, found: Simulated
+    one: Flight, limits: Tolerances, cut: Windows, found: Simulated
 ) -> list[dict[str, Any]]:
     """Windows in which a channel is out of tolerance, the largest in terms of it first.
 
     The time is when the error first leaves the tolerance, the size its largest in that window.
     """
-    limit = tolerances.tolerances(aircraft)
     kinds = {segment.id: segment.kind for segment in one.segments}
     listed = []
     for window, piece in enumerate(cut.piece):
         for index, name in enumerate(CHANNELS):
             measured = cut.measured[window : window + 1, :, index]
             simulated = found.value[window : window + 1, :, index]
-            error = (simulated - measured)[0]
-            small = theil(measured, simulated) <= tolerances.THEIL
-            if small or _rms(error) <= limit[name]:
+            error, limit = (simulated - measured)[0], limits.channels[name]
+            if theil(measured, simulated) <= limits.theil or _rms(error) <= limit:
                 continue
-            first = int(np.argmax(np.abs(error) > limit[name]))
+            first = int(np.argmax(np.abs(error) > limit))
             largest = float(error[np.argmax(np.abs(error))])
             listed.append(
                 {
@@ -233,7 +239,7 @@ def departures(
                     "channel": name,
                     "size": largest,
                     "unit": UNITS.get(name, "rad"),
-                    "tolerance": limit[name],
+                    "tolerance": limit,
                     "region": _region(kinds[int(piece)], cut.measured[window]),
                     "maneuver": int(piece),
                 }

@@ -35,7 +35,8 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     "Channels",
                     "Simulated less measured, over all windows. A channel passes where its rms "
                     "error is within the tolerance, or where Theil's inequality coefficient, 0 "
-                    "for equal motions and 1 for opposite ones, is 0.3 or less.",
+                    "for equal motions and 1 for opposite ones, is "
+                    f"{number(summary['theil_limit'])} or less.",
                     tables=(_channels(summary),),
                 ),
                 Section(

@@ -44,7 +44,7 @@ def test_simulate(calls, capsys):
     assert args == (Path("flight.tlog"),)
     assert named == {
         "aircraft": None, "model": Path("model"), "vehicle": 2, "segments": None, "columns": None,
-        "can": None, "out": Path("flight-simulate"),
+        "can": None, "tolerances": None, "out": Path("flight-simulate"),
     }  # fmt: skip
     assert capsys.readouterr().out == "simulate: flight-simulate/simulated.parquet\n"
 

@@ -13,7 +13,7 @@ from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, Value
 from gcs_sysid.model import rigid_body
 from gcs_sysid.model.rigid_body import Inputs, State
-from gcs_sysid.offline import simulate, windows
+from gcs_sysid.offline import simulate, tolerances, windows
 from gcs_sysid.offline.windows import CHANNELS, Windows
 from tests.offline.made_aircraft import small
 
@@ -89,7 +89,9 @@ def test_the_aircraft_that_flew_is_simulated_as_flown(flown) -> None:
     made, cut = flown
     found = windows.fly(made, cut)
     np.testing.assert_allclose(found.value, cut.measured, atol=1e-9)
-    assert all(item["pass"] for item in simulate.channels(made, cut, found).values())
+    assert all(
+        item["pass"] for item in simulate.channels(tolerances.usual(made), cut, found).values()
+    )
     # At the beginning only the state's own deviation counts, one sigma of 0.01 of each.
     np.testing.assert_allclose(found.deviation[:, 0, :3], 0.01, rtol=1e-3)
     np.testing.assert_allclose(found.deviation[:, 0, 3:], 0.0, atol=1e-9)
@@ -103,7 +105,7 @@ def test_another_aircraft_departs_in_its_own_channels(flown) -> None:
     terms["aileron"] = replace(terms["aileron"], value=0.3 * terms["aileron"].value)
     models["Cl"] = replace(models["Cl"], terms=terms)
     found = windows.fly(replace(made, aerodynamics=models), cut)
-    scores = simulate.channels(made, cut, found)
+    scores = simulate.channels(tolerances.usual(made), cut, found)
     assert not scores["p"]["pass"]
     assert scores["q"]["pass"]
     assert scores["p"]["rms"] > scores["p"]["tolerance"]

@@ -16,6 +16,10 @@ WRITES = ("simulate.json", "simulated.parquet", "report.html")
 @options.aircraft(required=False)
 @options.model_instead
 @options.segments
+@click.option(
+    "--tolerances", metavar="FILE", type=options.Existing("file"),
+    help="How far each channel may be off (TOML), instead of flight simulators' tolerances.",
+)  # fmt: skip
 @options.vehicle
 @options.columns
 @options.can
@@ -27,6 +31,7 @@ def command(
     aircraft: Path | None,
     model: Path | None,
     segments: Path | None,
+    tolerances: Path | None,
     vehicle: int | None,
     columns: Path | None,
     can: Path | None,
@@ -51,6 +56,7 @@ def command(
             model=model,
             vehicle=vehicle,
             segments=segments,
+            tolerances=tolerances,
             columns=columns,
             can=can,
             out=destination,
