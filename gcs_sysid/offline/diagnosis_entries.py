@@ -84,6 +84,25 @@ def _ranked(item: Ranked) -> dict[str, Any]:
     }
 
 
+def alternatives(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
+    """The best explanations that have no cause of the most probable one, nothing among them.
+
+    `behind` is by how much their evidence is less [nat].
+    """
+    best = ranked[0]
+    listed = []
+    for item in ranked:
+        if set(item.causes) & set(best.causes) or item is best or len(item.causes) > 1:
+            continue
+        behind = best.log_bayes_factor - item.log_bayes_factor
+        listed.append({**_ranked(item), "label": _label(item), "behind": behind})
+    return sorted(listed, key=lambda item: item["behind"])[:LISTED]
+
+
+def _label(item: Ranked) -> str:
+    return " and ".join(candidate.label for candidate in item.causes) or "nothing"
+
+
 def detectable(
     candidates: Sequence[Candidate],
     deviations: Sequence[Sequence[float]],

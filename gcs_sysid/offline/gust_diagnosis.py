@@ -54,7 +54,7 @@ def diagnosed(
     best = answer.best
     gained = found.gained(best.causes)
     answer = verdict.sustained(answer, gained)
-    strained = verdict.strained(found.unknowns.names, found.unknowns.of_file, best)
+    strained = verdict.strained(found.unknowns.names, found.unknowns.as_accurate(1.0).of_file, best)
     missing = None
     if answer.answer in ("no_effect", "insufficient_data"):
         missing = found.missing
@@ -70,6 +70,7 @@ def diagnosed(
         aircraft, corrections, found.quantities.directions, _limits(named)
     )
     table = departed.table(found, aircraft, corrected)
+    gains = departed.gain(table, found, held_out, named is not None, gained)
     document = {
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
@@ -77,7 +78,8 @@ def diagnosed(
         **entries.verdict(answer, missing),
         "ranking": entries.ranking(found.ranked),
         "discrepancy": departed.discrepancy(table),
-        "gain": departed.gain(table, found, held_out, named is not None, gained),
+        "alternatives": entries.alternatives(found.ranked),
+        "gain": gains,
         "detectable": entries.detectable(found.candidates, deviations, sizes),
         "strained": strained,
         "file_accuracy": best.accuracy,
@@ -85,7 +87,11 @@ def diagnosed(
         "maneuvers": summary.maneuvers(flights, held_out),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
-        "warnings": [*_warnings(flights, found, corrections), *entries.strained(strained)],
+        "warnings": [
+            *_warnings(flights, found, corrections),
+            *departed.paid(gains["channels"]),
+            *entries.strained(strained),
+        ],
     }
     return document, table, better
 

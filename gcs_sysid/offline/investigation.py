@@ -107,8 +107,13 @@ def investigate(
     names = quantities.names(subjects[0].first.means)
     ordinary = beliefs.ordinary(names, found.aircraft, vanes=vanes)
     usual = unknowns.tolerated(every, found.directions, found.sizes)
+    flow = {
+        name: np.concatenate([one.samples.regressors[name] for one in flights])
+        for name in flights[0].samples.regressors
+    }
     listed = unknowns.of_flights(
-        names, ordinary, found.directions, usual, found.sizes, len(flights)
+        *(names, ordinary, found.directions, usual, found.sizes, len(flights)),
+        beliefs.negligible(names, found.aircraft, flow),
     )
     model = settled.model_of(found)
     steps = len(flights) * (1 + ROUNDS)
@@ -154,7 +159,7 @@ def investigate(
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing = None
     if not ranked[0].causes or ranked[0].log_bayes_factor < NAMED:
-        missing = _missing(model, names, found, usual, before, done, subjects, ranked[0])
+        missing = _missing(model, names, found, listed, before, done, subjects, ranked[0])
     return Investigation(
         quantities=found,
         unknowns=listed,
@@ -234,7 +239,7 @@ def _missing(
     model: FlightModel,
     names: Sequence[str],
     found: Quantities,
-    usual: Mapping[str, float],
+    known: Unknowns,
     before: Sequence[Beliefs],
     done: Sequence[Settled],
     subjects: Sequence[Subject],
@@ -244,15 +249,7 @@ def _missing(
     controls = found.aircraft.control_names
     products = terms(controls)
     more = unlisted.names(products)
-    ordinary = beliefs.ordinary(names, found.aircraft, vanes="vanes" in found.has)
-    listed = unknowns.of_flights(
-        (*names, *more),
-        np.concatenate([ordinary, np.zeros(len(more))]),
-        found.directions,
-        usual,
-        found.sizes,
-        len(subjects),
-    ).as_accurate(best.accuracy)
+    listed = known.with_more(more).as_accurate(best.accuracy)
     wide = [
         settled.with_terms(model, one, last, names, products)
         for one, last in zip(subjects, done, strict=True)

@@ -54,13 +54,16 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     tables=(_ranking(summary),),
                     figures=(diagnosis.probabilities(shown, [_label(item) for item in shown]),),
                 ),
+                *_alternatives(summary),
                 Section(
                     "gain",
                     "Gain",
                     "On maneuvers, or a flight, that took no part: the error in percent of the "
                     "measured spread, and the negative log predictive density, lower is better. "
-                    "Below, rms of measured less predicted over the measured spread, on all used.",
-                    tables=(_gain(summary), _discrepancy(summary)),
+                    "Below, coefficient by coefficient: rms of measured less predicted in percent "
+                    "of the measured spread, on what took no part, with what putting right gains "
+                    "there, ± 95 %, and on all that was flown.",
+                    tables=(_gain(summary), _coefficients(summary)),
                 ),
                 Section(
                     "could",
@@ -187,28 +190,72 @@ def _ranking(summary: Mapping) -> Table:
     )
 
 
-def _gain(summary: Mapping) -> Table:
-    gain = summary["gain"]
-    return Table(
-        ("held out", "before", "after"),
+def _alternatives(summary: Mapping) -> tuple[Section, ...]:
+    """Why it is not something else, where a cause is named."""
+    if not summary["explanation"] or not summary.get("alternatives"):
+        return ()
+    rows = tuple(
         (
-            (
-                "error, %",
-                number(gain["holdout_error_before"]),
-                number(gain["holdout_error_after"]),
+            item["label"],
+            number(item["log_bayes_factor"]),
+            f"{number(item['behind'])} nat",
+            _times(item["behind"]),
+            _parameters(item) or "–",
+        )
+        for item in summary["alternatives"][:_BARS]
+    )
+    return (
+        Section(
+            "alternatives",
+            "Why not something else",
+            "What explains most without the cause above: the evidence it has against nothing being "
+            "wrong, by how much that is less, and the size it would have to have, ± 95 %.",
+            tables=(
+                Table(
+                    ("instead", "log Bayes factor", "behind", "the flight is then", "it would be"),
+                    rows,
+                ),
             ),
-            ("nlpd", number(gain["holdout_nlpd_before"]), number(gain["holdout_nlpd_after"])),
         ),
     )
 
 
-def _discrepancy(summary: Mapping) -> Table:
+def _times(nats: float) -> str:
+    """How much less probable a flight is, in words that need no logarithm."""
+    power = nats / np.log(10.0)
+    if power >= 4.0:
+        return f"10^{power:.0f} times less probable"
+    return f"{number(float(10.0**power), 2)} times less probable"
+
+
+def _gain(summary: Mapping) -> Table:
+    gain = summary["gain"]
+    before, after = gain["holdout_nlpd_before"], gain["holdout_nlpd_after"]
     return Table(
-        ("left over", "before", "after"),
+        ("held out", "before", "after", "gained"),
         tuple(
-            (name, number(item["before"]), number(item["after"]))
-            for name, item in summary["discrepancy"].items()
+            (name, number(one), number(other), number(one - other))
+            for name, one, other in (
+                ("error, %", gain["holdout_error_before"], gain["holdout_error_after"]),
+                ("nlpd, nat a measurement", before, after),
+            )
         ),
+    )
+
+
+def _coefficients(summary: Mapping) -> Table:
+    judged = summary["gain"].get("channels", {})
+    rows = []
+    for name, item in summary["discrepancy"].items():
+        one = judged.get(name)
+        apart = ("–",) * 3
+        if one is not None:
+            gained = plus_minus(one["gained"], _SIGMAS * one["gained_sd"])
+            apart = (number(one["before"]), number(one["after"]), gained)
+        rows.append((name, *apart, *(number(100.0 * item[key]) for key in ("before", "after"))))
+    return Table(
+        ("", "held out, before", "after", "gained", "all, before", "after"),
+        tuple(rows),
     )
 
 

@@ -5,11 +5,12 @@ Ordinary errors are part of every hypothesis, so that what they can explain accu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
+from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft, StreamTiming
 
 SENSORS = {
@@ -38,6 +39,10 @@ IMU_TILT = float(np.radians(0.4))
 GYRO_SCALE = 0.003
 HEADING = 0.02
 """Of a compass that was calibrated [rad]."""
+NEGLIGIBLE = 0.01
+"""Of a coefficient's spread over the flights: what no simulation is good to, whatever its file says
+[1]. A damping in lift that nobody looks at may be half of what it is said to be, and is nobody's
+fault."""
 SHEAR = 0.003
 """Of the wind over the heights of one flight [1/s]."""
 
@@ -78,4 +83,32 @@ def ordinary(
         elif vanes or ".vane_" not in name:
             root = name if name in usual else name.rpartition(".")[0]
             found[index] = usual.get(root, 0.0)
+    return found
+
+
+def negligible(
+    names: Sequence[str], aircraft: Aircraft, flow: Mapping[str, Float[np.ndarray, " sample"]]
+) -> Float[np.ndarray, " parameter"]:
+    """By how much each aerodynamic parameter may be off without anybody caring; 0 of the others.
+
+    Args:
+        names: of the parameters, as `quantities.names` gives them.
+        aircraft: of whose terms they are.
+        flow: variables and controls over the flights.
+    """
+    place, controls = {name: index for index, name in enumerate(names)}, aircraft.control_names
+    found = np.zeros(len(names))
+    for coefficient, model in aircraft.aerodynamics.items():
+        terms = {key: regressors.parse(key, controls=controls) for key in model.terms}
+        columns = {
+            key: regressors.evaluate(term, flow)
+            for key, term in terms.items()
+            if set(term.variables) <= set(flow)
+        }
+        spread = float(np.std(sum(model.terms[key].value * columns[key] for key in columns)))
+        for key, column in columns.items():
+            # A constant acts by its size.
+            acts = float(np.std(column)) if terms[key].factors else 1.0
+            if acts > 0.0:
+                found[place[f"aerodynamics.{coefficient}.{key}"]] = NEGLIGIBLE * spread / acts
     return found

@@ -27,7 +27,7 @@ from gcs_sysid.diagnose.hypothesis import (
 )
 
 LISTED = 40
-"""Sets that are looked at any further."""
+"""Pairs beyond the most probable sets of this number are not looked at any further."""
 PAIRED = 12
 """So many of the best single causes are tried together with every other."""
 ACCURACIES = {0.05: 0.1, 0.1: 0.1, 0.25: 0.1, 0.5: 0.1, 1.0: 0.5, 2.0: 0.05, 4.0: 0.05}
@@ -118,8 +118,10 @@ def rank(
     probability = weight / weight.sum()
     order = np.argsort(-probability, kind="stable")
     ranked = []
-    for index in order[:LISTED]:
+    for place, index in enumerate(order):
         causes, prior, _ = sets[index]
+        if place >= LISTED and len(causes) > 1:
+            continue
         own = files.unknowns[favoured[index]]
         found = posterior(data, *own.freed([one.candidate for one in causes]))
         ranked.append(

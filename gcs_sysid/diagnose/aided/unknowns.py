@@ -36,6 +36,7 @@ class Unknowns:
         parameters: how many unknowns are parameters of the model.
         directions: of the quantities, in the parameters.
         sizes: what a cause's shares refer to.
+        negligible: deviation that each unknown has in any case, however accurate the file.
     """
 
     names: tuple[str, ...]
@@ -44,6 +45,7 @@ class Unknowns:
     parameters: int
     directions: Float[np.ndarray, "parameter quantity"]
     sizes: Mapping[str, float]
+    negligible: Float[np.ndarray, " unknown"]
 
     def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Prior standard deviations and means with some causes set free."""
@@ -64,9 +66,25 @@ class Unknowns:
         return np.where(kept, values, 0.0)
 
     def as_accurate(self, share: float) -> Unknowns:
-        """The file's aerodynamics off by a share of what its sigmas say."""
+        """The file's aerodynamics off by a share of its sigmas, and by what is negligible."""
         aerodynamic = [name.startswith("aerodynamics.") for name in self.names]
-        return replace(self, sigma=np.where(aerodynamic, share * self.sigma, self.sigma))
+        scaled = np.where(aerodynamic, share * self.sigma, self.sigma)
+        known = self.sigma == 0.0
+        return replace(self, sigma=np.where(known, 0.0, np.hypot(scaled, self.negligible)))
+
+    def with_more(self, names: Sequence[str]) -> Unknowns:
+        """The same with parameters of the model more, the last of them, all held."""
+        first, none = self.parameters, np.zeros(len(names))
+        last = np.arange(first, first + len(names))
+        return replace(
+            self,
+            names=(*self.names[:first], *names, *self.names[first:]),
+            sigma=np.insert(self.sigma, first, none),
+            own=tuple(np.concatenate([own, last]) for own in self.own),
+            parameters=first + len(names),
+            directions=np.pad(self.directions, ((0, len(names)), (0, 0))),
+            negligible=np.insert(self.negligible, first, none),
+        )
 
     @property
     def of_file(self) -> Float[np.ndarray, " unknown"]:
@@ -106,6 +124,7 @@ def of_flights(
     usual: Mapping[str, float],
     sizes: Mapping[str, float],
     flights: int,
+    negligible: Float[np.ndarray, " parameter"],
 ) -> Unknowns:
     """The unknowns of so many flights.
 
@@ -116,6 +135,7 @@ def of_flights(
         usual: ordinary standard deviation of each quantity.
         sizes: what a cause's shares refer to.
         flights: how many.
+        negligible: deviation that each parameter has in any case.
     """
     listed = [name for name in names if not _owned(name)]
     sigma = [float(ordinary[i]) for i, name in enumerate(names) if not _owned(name)]
@@ -123,6 +143,10 @@ def of_flights(
         listed += [f"{name} #{number}" for name in names if _owned(name)]
         sigma += [float(ordinary[i]) for i, name in enumerate(names) if _owned(name)]
     place = {name: index for index, name in enumerate(listed)}
+    least = np.zeros(len(listed) + len(quantities))
+    for name, value in zip(names, negligible, strict=True):
+        if not _owned(name):
+            least[place[name]] = value
     own = tuple(
         np.array([place[f"{name} #{number}" if _owned(name) else name] for name in names])
         for number in range(flights)
@@ -140,6 +164,7 @@ def of_flights(
         len(listed),
         directions,
         sizes,
+        least,
     )
 
 

@@ -21,7 +21,9 @@ EVERY = tuple(Candidate(CAUSES[name]) for name in ("mass", "cg_shift", "airspeed
 
 
 def listed(flights: int = 1) -> unknowns.Unknowns:
-    return unknowns.of_flights(PARAMETERS, ORDINARY, QUANTITIES, USUAL, {"": 1.0}, flights)
+    return unknowns.of_flights(
+        PARAMETERS, ORDINARY, QUANTITIES, USUAL, {"": 1.0}, flights, np.zeros(ORDINARY.size)
+    )
 
 
 def told(truth: dict[str, float], *, alike: bool = False, clear: float = 30.0) -> Information:

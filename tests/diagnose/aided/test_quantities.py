@@ -280,3 +280,27 @@ def test_a_lag_found_away_from_where_it_was_taken_is_less_sure() -> None:
     assert quantities.servo_doubt("lag.elevator", 0.142, reached) == pytest.approx(0.018)
     assert quantities.servo_doubt("lag.rudder", 0.002, reached) == pytest.approx(0.002)
     assert quantities.servo_doubt("mass", 1.1, reached) == 0.0
+
+
+def test_what_nobody_sees_is_a_percent_of_what_a_coefficient_does(aircraft) -> None:
+    """Put into the file, it changes its coefficient by a hundredth of the spread in flight."""
+    found = built(aircraft)
+    rng = np.random.default_rng(2)
+    variables = ("alpha", "beta", "phat", "qhat", "rhat", "Tc", "qbar", "h_over_b")
+    controls = found.aircraft.control_names
+    flow = {name: 0.05 * rng.standard_normal(500) for name in (*variables, *controls)}
+    flow["qhat"] *= 0.1
+    names = quantities.names(means(found))
+    sizes = dict(zip(names, beliefs.negligible(names, found.aircraft, flow), strict=True))
+    assert all(size == 0.0 for name, size in sizes.items() if not name.startswith("aero"))
+    for coefficient in ("CZ", "Cm"):
+        model = found.aircraft.aerodynamics[coefficient]
+        value = np.asarray(aerodynamics.coefficient(model, flow))
+        for key in ("1", "alpha", "qhat"):
+            term = model.terms[key]
+            off = sizes[f"aerodynamics.{coefficient}.{key}"]
+            moved = replace(term, value=term.value + off)
+            other = replace(model, terms={**model.terms, key: moved})
+            change = np.asarray(aerodynamics.coefficient(other, flow)) - value
+            size = np.abs(change).mean() if key == "1" else change.std()
+            assert size == pytest.approx(0.01 * value.std(), rel=1e-6)

@@ -25,7 +25,9 @@ def listed() -> unknowns.Unknowns:
     names = (*NAMES, "departures.thrust")
     ordinary = np.array([STATED] * COUNT + [0.02])
     usual = dict.fromkeys(TOGETHER, 0.0)
-    return unknowns.of_flights(names, ordinary, TOGETHER, usual, {"": 1.0}, 1)
+    return unknowns.of_flights(
+        names, ordinary, TOGETHER, usual, {"": 1.0}, 1, np.zeros(ordinary.size)
+    )
 
 
 def ranked(off: np.ndarray, mass: float, seed: int) -> tuple[Ranked, ...]:

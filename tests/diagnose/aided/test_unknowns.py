@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,6 @@ from tests.diagnose.aided.made_unknowns import (
     ORDINARY,
     PARAMETERS,
     QUANTITIES,
-    USUAL,
     listed,
 )
 
@@ -67,7 +68,9 @@ def test_what_causes_free_is_ordinarily_off_by_a_twentieth_of_what_matters() -> 
     assert usual == pytest.approx(
         {name: 0.05 * size for name, size in matters.items()} | {"lag.rudder": 0.0}
     )
-    two = of_flights(PARAMETERS, ORDINARY, QUANTITIES, {**usual}, {"": 1.0}, 2)
+    two = of_flights(
+        PARAMETERS, ORDINARY, QUANTITIES, {**usual}, {"": 1.0}, 2, np.zeros(ORDINARY.size)
+    )
     np.testing.assert_allclose(two.sigma[5:], [usual[name] for name in QUANTITIES])
     np.testing.assert_array_equal(two.of_file[5:], 0.0)
     sigma, _ = two.freed(EVERY[:1])
@@ -75,22 +78,39 @@ def test_what_causes_free_is_ordinarily_off_by_a_twentieth_of_what_matters() -> 
     np.testing.assert_array_equal(two.alone(EVERY[:1], sigma)[6:], 0.0)
 
 
+def test_more_parameters_are_the_last_of_the_models() -> None:
+    flights = 2
+    few = listed(flights)
+    added = ("missing.Cm.beta", "missing.Cm.rhat")
+    many = few.with_more(added)
+    assert many.names[few.parameters : many.parameters] == added
+    assert many.names[many.parameters :] == few.names[few.parameters :]
+    for number in range(flights):
+        own = [many.names[place] for place in many.own[number]]
+        assert own == [*(few.names[place] for place in few.own[number]), *added]
+    values = np.zeros(len(many.names))
+    values[many.names.index("cg.x")] = -0.5
+    np.testing.assert_allclose(many.in_flight(1, values), [0.0, 0.0, -0.1, 0.0, 0.0, 0.0])
+
+
+def test_no_file_is_better_than_anybody_sees() -> None:
+    known = replace(listed(), negligible=np.array([0.03, *np.zeros(len(listed().names) - 1)]))
+    assert known.names[0].startswith("aerodynamics.")
+    for share in (0.05, 1.0, 4.0):
+        found = known.as_accurate(share)
+        assert found.sigma[0] == pytest.approx(np.hypot(share * 0.5, 0.03))
+        np.testing.assert_array_equal(found.sigma[1:], known.sigma[1:])
+
+
 def test_a_missing_term_is_found_by_its_evidence() -> None:
     """The gain of one more unknown is the difference of two full evidences."""
     terms = unlisted_terms(())[:2]
     names = unlisted.names(terms)
-    every = of_flights(
-        (*PARAMETERS, *names),
-        np.concatenate([ORDINARY, np.zeros(len(names))]),
-        QUANTITIES,
-        USUAL,
-        {"": 1.0},
-        1,
-    )
+    every = listed().with_more(names)
     random = np.random.default_rng(4)
     columns = random.standard_normal((200, every.parameters))
     wide = columns @ np.concatenate([np.eye(every.parameters), every.directions], axis=1)
-    hidden = len(PARAMETERS) + 2 * len(terms) + 1
+    hidden = every.names.index(f"missing.CZ.{'*'.join(terms[1])}")
     left = 0.8 * columns[:, hidden] + random.standard_normal(200)
     data, sigma = information(wide, left), np.full(len(names), 0.7)
     best = unlisted.strongest(data, data.weighed(0.0), every, (), terms, sigma)
