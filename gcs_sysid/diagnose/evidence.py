@@ -17,8 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True)
@@ -78,33 +77,48 @@ def posterior(
         mean: prior mean of each unknown; None for 0.
     """
     centre = np.zeros(sigma.size) if mean is None else mean
-    free, factor, whitened, evidence = _solved(data, sigma, centre)
-    spread = sigma[free, None] * np.linalg.inv(factor).T
-    found, covariance = centre.copy(), np.zeros((sigma.size, sigma.size))
-    found[free] += spread @ whitened
-    covariance[np.ix_(free, free)] = spread @ spread.T
-    return Posterior(found, covariance, evidence)
-
-
-def log_evidence(
-    data: Information,
-    sigma: Float[np.ndarray, " unknown"],
-    mean: Float[np.ndarray, " unknown"],
-) -> float:
-    """Evidence alone, in a fraction of the time; see `posterior`."""
-    return _solved(data, sigma, mean)[3]
-
-
-def _solved(
-    data: Information, sigma: Float[np.ndarray, " unknown"], centre: Float[np.ndarray, " unknown"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """What is free, the root of Λ among it, the score in its units, and the evidence."""
     score = data.score - data.gram @ centre
     shifted = float(centre @ data.score - 0.5 * centre @ data.gram @ centre)
     free = np.flatnonzero(sigma)
     size = sigma[free]
     scaled = size[:, None] * data.gram[np.ix_(free, free)] * size
     factor = np.linalg.cholesky(np.eye(free.size) + scaled)
-    whitened = scipy.linalg.solve_triangular(factor, size * score[free], lower=True)
+    inverse = np.linalg.inv(factor)
+    whitened = inverse @ (size * score[free])
+    spread = size[:, None] * inverse.T
+    found, covariance = centre.copy(), np.zeros((sigma.size, sigma.size))
+    found[free] += spread @ whitened
+    covariance[np.ix_(free, free)] = spread @ spread.T
     determinant = float(np.sum(np.log(np.diagonal(factor))))
-    return free, factor, whitened, 0.5 * float(whitened @ whitened) - determinant + shifted
+    return Posterior(found, covariance, 0.5 * float(whitened @ whitened) - determinant + shifted)
+
+
+def gained(
+    base: Posterior,
+    before: Float[np.ndarray, " chosen"],
+    chosen: Int[np.ndarray, " chosen"],
+    after: Float[np.ndarray, " chosen"],
+    mean: Float[np.ndarray, " chosen"],
+) -> float:
+    """By how much the evidence grows if a few unknowns have another prior.
+
+    It is the mean of the priors' ratio over the posterior (Dickey, Annals of Mathematical
+    Statistics 42, 1971), a Gaussian integral over the few.
+
+    Args:
+        base: posterior under the prior of mean 0 and deviations `before`.
+        before: deviations of the chosen unknowns, none of them 0.
+        chosen: places of the unknowns.
+        after: their other deviations.
+        mean: and their other means.
+    """
+    size = base.covariance[np.ix_(chosen, chosen)]
+    unit = np.sqrt(np.diagonal(size))
+    inverse = np.linalg.inv(size / np.outer(unit, unit))
+    known, there = inverse / np.outer(unit, unit), base.mean[chosen]
+    told = known + np.diag(after**-2 - before**-2)
+    pulled = known @ there + after**-2 * mean
+    exponent = pulled @ np.linalg.solve(told, pulled) - there @ known @ there - mean**2 @ after**-2
+    # In units of the posterior both determinants are of the order of one.
+    logs = np.linalg.slogdet(told * np.outer(unit, unit))[1] - np.linalg.slogdet(inverse)[1]
+    return 0.5 * float(exponent - logs) - float(np.sum(np.log(after / before)))

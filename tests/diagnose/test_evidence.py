@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gcs_sysid.diagnose.evidence import information, posterior
+from gcs_sysid.diagnose.evidence import gained, information, posterior
 
 RANDOM = np.random.default_rng(7)
 COLUMNS = RANDOM.standard_normal((40, 4))
@@ -59,3 +59,19 @@ def test_units_of_an_unknown_do_not_matter() -> None:
     first = posterior(information(COLUMNS, LEFT), SIGMA).log_evidence
     second = posterior(information(scaled, LEFT), other).log_evidence
     assert first == pytest.approx(second, rel=1e-12)
+
+
+def test_another_prior_of_a_few_needs_no_second_posterior() -> None:
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((60, 7)) * np.array([1.0, 30.0, 1e-4, 1.0, 200.0, 1.0, 1.0])
+    columns[:, 3] = columns[:, 0] + 1e-3 * columns[:, 3]
+    data = information(columns, rng.standard_normal(60) + 0.4 * columns[:, 0])
+    before = np.array([0.3, 0.02, 1.0, 0.3, 0.01, 0.0, 0.2])
+    base = posterior(data, before)
+    for places in ([0], [1, 3], [0, 3, 4], [2]):
+        chosen = np.array(places)
+        after, mean = before.copy(), np.zeros(7)
+        after[chosen], mean[chosen] = 8.0 * before[chosen], 0.5 * before[chosen]
+        found = gained(base, before[chosen], chosen, after[chosen], mean[chosen])
+        direct = posterior(data, after, mean).log_evidence - base.log_evidence
+        assert found == pytest.approx(direct, rel=1e-6, abs=1e-8)

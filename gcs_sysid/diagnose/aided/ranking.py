@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information, Posterior, log_evidence, posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior, gained, posterior
 from gcs_sysid.diagnose.hypothesis import (
     PRIOR_OF_NONE,
     PRIOR_OF_ONE,
@@ -34,7 +34,8 @@ ACCURACIES = {0.05: 0.1, 0.1: 0.1, 0.25: 0.1, 0.5: 0.1, 1.0: 0.5, 2.0: 0.05, 4.0
 """What the file's derivatives may be off by, over the sigmas that it states, and how probable it is
 before the flights."""
 BESIDES = 12.0
-"""Pairs are weighed without accuracies that the flights favour less by so much [nat]."""
+"""Pairs are weighed without the worse accuracies that single causes favour less by so much [nat].
+The better ones stay: what a second cause takes upon itself makes the rest look better."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,28 @@ class _Tried:
 
 @dataclass(frozen=True)
 class _Files:
-    """The unknowns at each accuracy of the file, and the logarithm of its prior probability."""
+    """The file at each accuracy, with nothing free that only causes free.
+
+    Attributes:
+        unknowns: with that accuracy.
+        nothing: posterior.
+        prior: logarithm of the accuracy's prior probability.
+        accuracies: shares of the stated sigmas.
+    """
 
     unknowns: tuple[Unknowns, ...]
+    nothing: tuple[Posterior, ...]
     prior: Float[np.ndarray, " accuracy"]
     accuracies: tuple[float, ...]
 
-    def evidence(
-        self, data: Information, causes: Sequence[Candidate]
-    ) -> Float[np.ndarray, " accuracy"]:
-        return np.array([log_evidence(data, *one.freed(causes)) for one in self.unknowns])
+    def evidence(self, causes: Sequence[Candidate]) -> Float[np.ndarray, " accuracy"]:
+        """Of a set of causes at each accuracy."""
+        sigma, mean = self.unknowns[0].freed(causes)
+        before = self.unknowns[0].sigma
+        # What a cause frees is no aerodynamic value of the file: it hangs on no accuracy.
+        chosen = np.flatnonzero((sigma != before) | (mean != 0.0))
+        given = (before[chosen], chosen, sigma[chosen], mean[chosen])
+        return np.array([one.log_evidence + gained(one, *given) for one in self.nothing])
 
     def averaged(self, evidence: Float[np.ndarray, "set accuracy"]) -> Float[np.ndarray, " set"]:
         """Evidence over all accuracies."""
@@ -73,6 +86,7 @@ class _Files:
         places = np.flatnonzero(chosen)
         return _Files(
             tuple(self.unknowns[i] for i in places),
+            tuple(self.nothing[i] for i in places),
             self.prior[places],
             tuple(self.accuracies[i] for i in places),
         )
@@ -82,15 +96,17 @@ def rank(
     data: Information, unknowns: Unknowns, candidates: Sequence[Candidate]
 ) -> tuple[Ranked, ...]:
     """Sets of up to two causes, the most probable first."""
+    accurate = tuple(unknowns.as_accurate(share) for share in ACCURACIES)
     files = _Files(
-        tuple(unknowns.as_accurate(share) for share in ACCURACIES),
+        accurate,
+        tuple(posterior(data, *one.freed(())) for one in accurate),
         np.log(list(ACCURACIES.values())),
         tuple(ACCURACIES),
     )
-    nothing = files.evidence(data, ())
-    tried = _tried(data, files, candidates)
+    nothing = np.array([one.log_evidence for one in files.nothing])
+    tried = _tried(files, candidates)
     told = np.max([nothing, *(one.evidence for one in tried)], axis=0) + files.prior
-    likely = told > told.max() - BESIDES
+    likely = (told > told.max() - BESIDES) | (np.arange(told.size) < told.argmax())
     files, nothing = files.kept(likely), nothing[likely]
     tried = [replace(one, evidence=one.evidence[likely]) for one in tried]
     total = sum({one.candidate.cause.name: one.candidate.cause.weight for one in tried}.values())
@@ -109,7 +125,7 @@ def rank(
             continue
         pair = tuple(tried[number] for number in numbers)
         prior = 2.0 * PRIOR_OF_TWO * share(pair[0]) * share(pair[1])
-        sets.append((pair, prior, files.evidence(data, [one.candidate for one in pair])))
+        sets.append((pair, prior, files.evidence([one.candidate for one in pair])))
     evidence = np.array([each for _, _, each in sets])
     favoured = np.argmax(evidence + files.prior, axis=1)
     averaged = files.averaged(evidence)
@@ -138,14 +154,14 @@ def rank(
     return tuple(ranked)
 
 
-def _tried(data: Information, files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
+def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     """Every cause and what it is about, over the places where it may be."""
     found = []
     groups: dict[tuple[str, str], list[Candidate]] = {}
     for candidate in candidates:
         groups.setdefault((candidate.cause.name, candidate.about), []).append(candidate)
     for group in groups.values():
-        evidence = np.array([files.evidence(data, (one,)) for one in group])
+        evidence = np.array([files.evidence((one,)) for one in group])
         total = files.averaged(evidence)
         place = None
         if group[0].at is not None:

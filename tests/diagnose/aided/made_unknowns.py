@@ -16,7 +16,7 @@ QUANTITIES = {
     "cg.x": {"departures.cg": 0.2},
     "airspeed": {"departures.mass": 0.5, "aerodynamics.CZ.alpha": 1.0},
 }
-USUAL = dict.fromkeys(QUANTITIES, 0.0)
+USUAL = dict.fromkeys(QUANTITIES, 1e-4)
 EVERY = tuple(Candidate(CAUSES[name]) for name in ("mass", "cg_shift", "airspeed_scale"))
 
 

@@ -31,7 +31,7 @@ def test_flights_share_the_aircraft_and_own_their_gyros() -> None:
     first, second = two.own
     assert list(first) == [0, 1, 2, 3]
     assert list(second) == [0, 1, 2, 4]
-    np.testing.assert_array_equal(two.sigma[5:], np.zeros(len(QUANTITIES)))
+    np.testing.assert_array_equal(two.sigma[5:], list(USUAL.values()))
 
 
 def test_two_flights_know_what_their_rows_together_know() -> None:
@@ -43,7 +43,7 @@ def test_two_flights_know_what_their_rows_together_know() -> None:
         of_flight(two, number, rows.T @ rows, rows.T @ rest, float(rest.size))
         for number, (rows, rest) in enumerate(zip(halves, left, strict=True))
     ]
-    found = posterior(parts[0].plus(parts[1]), two.sigma)
+    found = posterior(parts[0].plus(parts[1]), two.of_file)
     whole = np.zeros((60, two.parameters))
     whole[:30, two.own[0]], whole[30:, two.own[1]] = halves
     dense = posterior(information(whole, np.concatenate(left)), two.sigma[: two.parameters])
