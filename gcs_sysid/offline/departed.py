@@ -77,19 +77,24 @@ def discrepancy(rows: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
 
 def gain(
     rows: Mapping[str, np.ndarray],
-    found: Investigation,
     held_out: Sequence[int],
-    named: bool,
+    *,
+    before: float,
     gained: float,
 ) -> dict[str, Any]:
     """How much better what took no part is foretold.
 
-    The densities are of a measurement, relative to that of the simulation taken as exact; the
-    errors of coefficients, in percent of the measured spread, one by one and their mean.
+    Errors of coefficients are in percent of the measured spread, one by one and their mean.
+
+    Args:
+        rows: residuals, see `table`.
+        held_out: maneuvers that took no part.
+        before: negative log predictive density of a measurement, relative to that of the simulation
+            taken as exact.
+        gained: by how much it is less with what was put right.
     """
     judged = np.isin(rows["maneuver"], held_out)
-    before = -found.foretold(())
-    out = {"holdout_nlpd_before": before, "holdout_nlpd_after": before - (gained if named else 0.0)}
+    out = {"holdout_nlpd_before": before, "holdout_nlpd_after": before - gained}
     for label in ("before", "after"):
         shares = [100.0 * _share(rows, name, label, judged) for name in COEFFICIENTS]
         out[f"holdout_error_{label}"] = float(np.mean(shares)) if judged.any() else float("nan")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
@@ -14,15 +15,23 @@ LISTED = 12
 """Sets of causes that the document lists."""
 
 
-def verdict(answer: Verdict, missing: Missing | None) -> dict[str, Any]:
-    """The answer and what belongs to it, in the keys of the interface."""
+def verdict(
+    answer: Verdict, missing: Missing | MissingTerm | None, unlisted: float | None = None
+) -> dict[str, Any]:
+    """The answer and what belongs to it, in the keys of the interface.
+
+    Args:
+        answer: of the ranking.
+        missing: a term that nothing listed stands for, where one is asked for.
+        unlisted: probability that one is missing, where that is known.
+    """
     best = answer.best
     rivals = [name for item in answer.indistinguishable for name in item.names]
     named = answer.answer in ("effect", "ambiguous")
     return {
         "verdict": answer.answer,
         "cause": best.names[0] if named else "unlisted" if missing else "none",
-        "probability": best.probability,
+        "probability": best.probability if missing is None or unlisted is None else unlisted,
         "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
         "indistinguishable": list(dict.fromkeys(rivals)),
         "separating_maneuver": _separating(answer),
@@ -58,9 +67,22 @@ def _separating(answer: Verdict) -> str | None:
     return "; ".join(cause.shown_by for cause in causes.values())
 
 
-def ranking(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
-    """The most probable sets of causes."""
-    return [_ranked(item) for item in ranked[:LISTED]]
+def ranking(
+    ranked: Sequence[Ranked], missing: MissingTerm | None = None, unlisted: float = 0.0
+) -> list[dict[str, Any]]:
+    """The most probable sets of causes, and something unlisted among them."""
+    listed = [_ranked(item) for item in ranked[:LISTED]]
+    if missing is not None:
+        term = {"value": missing.value, "sd": missing.deviation, "unit": "1"}
+        listed.append(
+            {
+                "causes": ["unlisted"],
+                "probability": unlisted,
+                "log_bayes_factor": missing.log_bayes_factor,
+                "parameters": {f"{missing.coefficient}.{missing.key}": term},
+            }
+        )
+    return sorted(listed, key=lambda item: -item["probability"])
 
 
 def _ranked(item: Ranked) -> dict[str, Any]:

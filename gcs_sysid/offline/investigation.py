@@ -18,12 +18,12 @@ from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlist
 from gcs_sysid.diagnose.aided.quantities import Quantities
 from gcs_sysid.diagnose.aided.ranking import rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.diagnose.hypothesis import Ranked
-from gcs_sysid.diagnose.unlisted import Missing, terms
-from gcs_sysid.diagnose.verdict import NAMED
+from gcs_sysid.diagnose.unlisted import terms
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
@@ -45,7 +45,10 @@ class Investigation:
         information: of what was fitted.
         apart: of what took no part.
         ranked: sets of causes, the most probable first.
-        missing: a term that nothing in the catalogue stands for, where one is asked for.
+        missing: the term that the flights ask for most and nothing in the catalogue stands for;
+            None where what took no part does not ask for it.
+        unlisted: probability that one is missing.
+        missing_gain: log predictive density per measurement that it gains on what took no part.
         model: the aircraft with all terms.
         subjects: the flights.
         settled: where each of them settled.
@@ -58,7 +61,9 @@ class Investigation:
     information: Information
     apart: Information
     ranked: tuple[Ranked, ...]
-    missing: Missing | None
+    missing: MissingTerm | None
+    unlisted: float
+    missing_gain: float
     model: FlightModel
     subjects: tuple[Subject, ...]
     settled: tuple[Settled, ...]
@@ -73,9 +78,13 @@ class Investigation:
         """Log predictive density per measurement that causes gain on what took no part."""
         return gain.gained(self.information, self.apart, self.believed, causes)
 
-    def foretold(self, causes: Sequence[Candidate]) -> float:
-        """Log predictive density per measurement of what took no part, with these causes."""
-        total = gain.foretold(self.information, self.apart, self.believed, causes)
+    def as_it_is(self, causes: Sequence[Candidate]) -> float:
+        """Log predictive density per measurement of what took no part.
+
+        With the file as it is in what these causes are about.
+        """
+        held = self.believed.as_it_is(causes)
+        total = gain.foretold(self.information, self.apart, held, ())
         return total / max(self.apart.count, 1.0)
 
 
@@ -157,9 +166,8 @@ def investigate(
         ranked = rank(information, listed, every)
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
-    missing = None
-    if not ranked[0].causes or ranked[0].log_bayes_factor < NAMED:
-        missing = _missing(model, names, found, listed, before, done, subjects, ranked[0])
+    missing, gain_of_it = _missing(model, names, found, listed, before, done, subjects)
+    ranked, probability = unlisted.weighed(ranked, missing)
     return Investigation(
         quantities=found,
         unknowns=listed,
@@ -168,6 +176,8 @@ def investigate(
         apart=apart,
         ranked=ranked,
         missing=missing,
+        unlisted=probability,
+        missing_gain=gain_of_it,
         model=model,
         subjects=tuple(subjects),
         settled=tuple(done),
@@ -243,13 +253,11 @@ def _missing(
     before: Sequence[Beliefs],
     done: Sequence[Settled],
     subjects: Sequence[Subject],
-    best: Ranked,
-) -> Missing | None:
-    """A term that nothing in the catalogue stands for."""
-    controls = found.aircraft.control_names
-    products = terms(controls)
+) -> tuple[MissingTerm | None, float]:
+    """A term that nothing in the catalogue stands for, and what it gains on what took no part."""
+    products = terms(found.aircraft.control_names)
     more = unlisted.names(products)
-    listed = known.with_more(more).as_accurate(best.accuracy)
+    listed = known.with_more(more)
     wide = [
         settled.with_terms(model, one, last, names, products)
         for one, last in zip(subjects, done, strict=True)
@@ -258,5 +266,9 @@ def _missing(
     fitted, apart = _summed(listed, stretched, wide)
     samples = subjects[0].one.samples
     sigma = unlisted.sizes(products, samples.regressors, samples.measured)
-    missing = unlisted.strongest(fitted, apart, listed, best.causes, products, sigma)
-    return missing if missing is not None and missing.log_bayes_factor >= NAMED else None
+    missing = unlisted.strongest(fitted, apart, listed, products, sigma)
+    if missing is None:
+        return None, float(np.nan)
+    index = more.index(f"missing.{missing.coefficient}.{missing.key}")
+    accurate = listed.as_accurate(missing.accuracy)
+    return missing, unlisted.gained(fitted, apart, accurate, index, sigma)

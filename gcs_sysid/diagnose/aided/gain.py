@@ -30,8 +30,12 @@ def foretold(
 def gained(
     fitted: Information, apart: Information, unknowns: Unknowns, causes: Sequence[Candidate]
 ) -> float:
-    """What causes gain over none, per measurement that took no part [nat]; nan without any."""
+    """What causes gain, per measurement that took no part [nat]; nan without any.
+
+    Over the file as it is in what they are about: an ordinary error of the same kind, left free
+    without them, would have been learned from what was fitted as well as the cause is with them.
+    """
     if not apart.count:
         return float(np.nan)
     with_causes = foretold(fitted, apart, unknowns, causes)
-    return (with_causes - foretold(fitted, apart, unknowns, ())) / apart.count
+    return (with_causes - foretold(fitted, apart, unknowns.as_it_is(causes), ())) / apart.count

@@ -65,6 +65,15 @@ class Unknowns:
         kept = [index < self.parameters or name in freed for index, name in enumerate(self.names)]
         return np.where(kept, values, 0.0)
 
+    def as_it_is(self, causes: Sequence[Candidate]) -> Unknowns:
+        """With what causes are about held where the file has it, ordinary errors too."""
+        freed = [self.names.index(name) for candidate in causes for name in candidate.frees]
+        about = self.directions[:, [index - self.parameters for index in freed]]
+        sigma = self.sigma.copy()
+        sigma[: self.parameters][np.any(about != 0.0, axis=1)] = 0.0
+        sigma[freed] = 0.0
+        return replace(self, sigma=sigma)
+
     def as_accurate(self, share: float) -> Unknowns:
         """The file's aerodynamics off by a share of its sigmas, and by what is negligible."""
         aerodynamic = [name.startswith("aerodynamics.") for name in self.names]
@@ -96,6 +105,9 @@ class Unknowns:
     ) -> tuple[float, float]:
         """How far the model's parameters moved along a quantity, ordinary errors included.
 
+        Not those that every flight has of its own, such as the bias of its accelerometer: a cause
+        is what there is beyond them.
+
         Args:
             name: of the quantity.
             mean: of all unknowns.
@@ -104,7 +116,10 @@ class Unknowns:
         Returns:
             Value and standard deviation in the quantity's unit.
         """
-        column = self.directions[:, self.names.index(name) - self.parameters]
+        index = self.names.index(name)
+        column = self.directions[:, index - self.parameters]
+        if all("#" in self.names[place] for place in np.flatnonzero(column)):
+            return float(mean[index]), float(np.sqrt(covariance[index, index]))
         view = column / (column @ column)
         view = np.concatenate([view, view @ self.directions])
         return float(view @ mean), float(np.sqrt(view @ covariance @ view))

@@ -3,15 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import expit, logsumexp
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
-from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, posterior
-from gcs_sysid.diagnose.unlisted import PRIOR, SIZE, Missing
+from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED, Ranked
+from gcs_sysid.diagnose.unlisted import SIZE
+
+
+@dataclass(frozen=True)
+class MissingTerm:
+    """A term that the flights ask for.
+
+    Attributes:
+        coefficient: that it belongs to.
+        variables: of which it is the product.
+        log_bayes_factor: evidence for any term missing, against nothing being wrong [nat].
+        value: of this one.
+        deviation: one sigma of it.
+        accuracy: of the rest of the file, as for `Ranked`.
+    """
+
+    coefficient: str
+    variables: tuple[str, ...]
+    log_bayes_factor: float
+    value: float
+    deviation: float
+    accuracy: float
+
+    @property
+    def key(self) -> str:
+        """The term as an aircraft file has it."""
+        return "*".join(self.variables)
 
 
 def names(terms: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
@@ -45,35 +74,82 @@ def strongest(
     fitted: Information,
     apart: Information,
     listed: Unknowns,
-    causes: Sequence[Candidate],
     terms: Sequence[tuple[str, ...]],
     sigma: Float[np.ndarray, " term"],
-) -> Missing | None:
+) -> MissingTerm | None:
     """The one more term that the flights ask for most, if what took no part asks for it too.
+
+    Any term, and any accuracy of the file, is averaged over: what is told is whether something is
+    missing, and which term it looks like.
 
     Args:
         fitted: what was fitted says of all unknowns, the terms among them.
         apart: what took no part says.
         listed: the unknowns; the terms are the last of the model's parameters.
-        causes: the set that the term is added to.
         terms: the products.
         sigma: of every term in every coefficient.
     """
-    ordinary, mean = listed.freed(causes)
-    first = listed.parameters - sigma.size
-
-    def gains(data: Information, chosen: Sequence[int]) -> list[float]:
-        without = posterior(data, ordinary, mean).log_evidence
-        found = []
-        for index in chosen:
-            freed = ordinary.copy()
-            freed[first + index] = sigma[index]
-            found.append(posterior(data, freed, mean).log_evidence - without)
-        return found
-
-    every = gains(fitted, range(sigma.size))
-    best = int(np.argmax(every))
-    evidence = every[best] + float(np.log(PRIOR / sigma.size))
-    if apart.count and gains(apart, [best])[0] <= 0.0:
+    accurate = [listed.as_accurate(share) for share in ACCURACIES]
+    tried = [_added(fitted, one, sigma) for one in accurate]
+    prior = np.log(list(ACCURACIES.values()))
+    nothing = logsumexp([one.nothing for one in tried] + prior)
+    having = np.array([one.nothing + one.gain for one in tried]) + prior[:, None]
+    place, best = np.unravel_index(np.argmax(having), having.shape)
+    if apart.count and _added(apart, accurate[place], sigma).gain[best] <= 0.0:
         return None
-    return Missing(COEFFICIENTS[best // len(terms)], terms[best % len(terms)], evidence)
+    return MissingTerm(
+        COEFFICIENTS[best // len(terms)],
+        terms[best % len(terms)],
+        float(logsumexp(having) - np.log(sigma.size) - nothing),
+        float(tried[place].value[best]),
+        float(tried[place].deviation[best]),
+        tuple(ACCURACIES)[place],
+    )
+
+
+def gained(
+    fitted: Information, apart: Information, listed: Unknowns, index: int, sigma: np.ndarray
+) -> float:
+    """Log predictive density per measurement that a term gains on what took no part [nat]."""
+    both, one = (_added(data, listed, sigma).gain[index] for data in (fitted.plus(apart), fitted))
+    return float(both - one) / apart.count if apart.count else float(np.nan)
+
+
+def weighed(
+    ranked: Sequence[Ranked], missing: MissingTerm | None
+) -> tuple[tuple[Ranked, ...], float]:
+    """The sets of causes with what is left to them, and the probability of something unlisted."""
+    if missing is None:
+        return tuple(ranked), 0.0
+    # Over the prior, every set's probability holds the same factor.
+    best = ranked[0]
+    share = np.log(best.probability * PRIOR_OF_UNLISTED / best.prior)
+    probability = float(expit(missing.log_bayes_factor - best.log_bayes_factor + share))
+    left = 1.0 - probability
+    return tuple(replace(one, probability=left * one.probability) for one in ranked), probability
+
+
+@dataclass(frozen=True)
+class _Added:
+    """Evidence without any term [nat], and for each: what it gains, its value and one sigma."""
+
+    nothing: float
+    gain: Float[np.ndarray, " term"]
+    value: Float[np.ndarray, " term"]
+    deviation: Float[np.ndarray, " term"]
+
+
+def _added(data: Information, listed: Unknowns, sigma: Float[np.ndarray, " term"]) -> _Added:
+    """Each term by itself on top of nothing being wrong.
+
+    With what remains of a term when everything already free has had its share, v = G_jj − G_jF Σ
+    G_Fj and s = b_j − G_jF θ, one more unknown of prior σ adds ½ σ²s²/(1 + σ²v) − ½ log(1 + σ²v).
+    """
+    base = posterior(data, *listed.freed(()))
+    places = slice(listed.parameters - sigma.size, listed.parameters)
+    cross = data.gram[:, places]
+    told = np.diagonal(data.gram)[places] - np.sum(cross * (base.covariance @ cross), axis=0)
+    rest = data.score[places] - cross.T @ base.mean
+    share = 1.0 + np.maximum(told, 0.0) * sigma**2
+    gain = 0.5 * (sigma * rest) ** 2 / share - 0.5 * np.log(share)
+    return _Added(base.log_evidence, gain, sigma**2 * rest / share, sigma / np.sqrt(share))

@@ -6,18 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from gcs_sysid.diagnose.aided import unknowns, unlisted
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, rank
 from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
+from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.evidence import information, posterior
-from gcs_sysid.diagnose.unlisted import PRIOR
+from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED
 from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
 from tests.diagnose.aided.made_unknowns import (
     EVERY,
     ORDINARY,
     PARAMETERS,
     QUANTITIES,
+    USUAL,
     listed,
+    told,
 )
 
 
@@ -103,7 +108,7 @@ def test_no_file_is_better_than_anybody_sees() -> None:
 
 
 def test_a_missing_term_is_found_by_its_evidence() -> None:
-    """The gain of one more unknown is the difference of two full evidences."""
+    """Its gain is the difference of two full evidences, averaged over terms and accuracies."""
     terms = unlisted_terms(())[:2]
     names = unlisted.names(terms)
     every = listed().with_more(names)
@@ -113,19 +118,40 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
     hidden = every.names.index(f"missing.CZ.{'*'.join(terms[1])}")
     left = 0.8 * columns[:, hidden] + random.standard_normal(200)
     data, sigma = information(wide, left), np.full(len(names), 0.7)
-    best = unlisted.strongest(data, data.weighed(0.0), every, (), terms, sigma)
-    freed = every.sigma.copy()
-    freed[hidden] = 0.7
-    gained = posterior(data, freed).log_evidence - posterior(data, every.sigma).log_evidence
+    best = unlisted.strongest(data, data.weighed(0.0), every, terms, sigma)
     assert best is not None
     assert (best.coefficient, best.variables) == ("CZ", terms[1])
-    assert best.log_bayes_factor == pytest.approx(gained + np.log(PRIOR / len(names)), rel=1e-9)
-    against = information(wide, -left)
-    assert unlisted.strongest(data, against, every, (), terms, sigma) is not None
-    elsewhere = information(wide, random.standard_normal(200))
-    kept = unlisted.strongest(data, elsewhere, every, (), terms, sigma)
-    asked = freed.copy()
-    alone = (
-        posterior(elsewhere, asked).log_evidence - posterior(elsewhere, every.sigma).log_evidence
-    )
-    assert (kept is None) == (alone <= 0.0)
+    assert best.value == pytest.approx(0.8, abs=4.0 * best.deviation)
+    places = every.names.index(names[0]) + np.arange(len(names))
+
+    def evidence(place: int | None, share: float) -> float:
+        freed = every.as_accurate(share).sigma.copy()
+        if place is not None:
+            freed[place] = 0.7
+        return posterior(data, freed).log_evidence + np.log(ACCURACIES[share])
+
+    having = [[evidence(place, share) for share in ACCURACIES] for place in places]
+    nothing = [evidence(None, share) for share in ACCURACIES]
+    expected = logsumexp(having) - np.log(len(names)) - logsumexp(nothing)
+    assert best.log_bayes_factor == pytest.approx(expected, rel=1e-9)
+    accurate = every.as_accurate(best.accuracy).sigma
+    freed = accurate.copy()
+    freed[hidden] = 0.7
+    for seed in range(6):
+        elsewhere = information(wide, np.random.default_rng(seed).standard_normal(200))
+        kept = unlisted.strongest(data, elsewhere, every, terms, sigma)
+        alone = posterior(elsewhere, freed).log_evidence
+        alone -= posterior(elsewhere, accurate).log_evidence
+        assert (kept is None) == (alone <= 0.0)
+
+
+def test_what_a_cause_explains_as_well_is_not_called_unlisted() -> None:
+    ranked = rank(told({"cg.x": -0.1}), listed(), EVERY)
+    found = MissingTerm("Cm", ("beta",), ranked[0].log_bayes_factor, 0.1, 0.01, ranked[0].accuracy)
+    both, probability = unlisted.weighed(ranked, found)
+    assert sum(one.probability for one in both) + probability == pytest.approx(1.0)
+    odds = PRIOR_OF_UNLISTED / ranked[0].prior
+    assert probability / both[0].probability == pytest.approx(odds)
+    surer = replace(found, log_bayes_factor=found.log_bayes_factor + 20.0)
+    assert unlisted.weighed(ranked, surer)[1] > 0.99
+    assert unlisted.weighed(ranked, None) == (ranked, 0.0)
