@@ -94,7 +94,7 @@ def strongest(
     prior = np.log(list(ACCURACIES.values()))
     nothing = logsumexp([one.nothing for one in tried] + prior)
     having = np.array([one.nothing + one.gain for one in tried]) + prior[:, None]
-    place, best = np.unravel_index(np.argmax(having), having.shape)
+    place, best = divmod(int(np.argmax(having)), sigma.size)
     if apart.count and _added(apart, accurate[place], sigma).gain[best] <= 0.0:
         return None
     return MissingTerm(
