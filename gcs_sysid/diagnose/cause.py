@@ -78,10 +78,15 @@ class Candidate:
     @property
     def frees(self) -> tuple[str, ...]:
         """Quantities set free."""
-        at = "" if self.at is None else f"{self.at:.4g}"
-        return tuple(
-            parameter.frees.format(about=self.about, at=at) for parameter in self.cause.parameters
-        )
+        if self.at is None:
+            return tuple(one.frees.format(about=self.about, at="") for one in self.cause.parameters)
+        at = f"{self.at:.4g}"
+        if not self.cause.where:
+            # The place is where the effect is taken, not a parameter of the cause.
+            return tuple(
+                f"{one.frees.format(about=self.about)}.{at}" for one in self.cause.parameters
+            )
+        return tuple(one.frees.format(about=self.about, at=at) for one in self.cause.parameters)
 
     @property
     def label(self) -> str:

@@ -51,9 +51,11 @@ def corrected(
         elif kind in _OF_AXIS:
             aircraft = _OF_AXIS[kind](aircraft, int(which), value)
         elif kind == "skew":
-            inertial = "sensors.surface_delay" in directions[name] and len(directions[name]) > 1
-            streams = [other.partition(".")[2] for other in directions if other.startswith("skew.")]
-            early = [stream for stream in streams if stream != which] if inertial else [which]
+            inertial = "sensors.surface_delay" in directions[name]
+            skewed = (other.split(".") for other in directions if other.startswith("skew."))
+            streams = dict.fromkeys(stream for _, stream, *_ in skewed)
+            own = which.partition(".")[0]
+            early = [stream for stream in streams if stream != own] if inertial else [own]
             aircraft = _late(aircraft, early, -value if inertial else value, deviation)
         elif kind == "rate_limit":
             control = which.partition(".")[0]

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, Value
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, StreamTiming, Value
 from gcs_sysid.diagnose.cause import Candidate, Cause
 from gcs_sysid.diagnose.causes import actuator_rate_limit, stall
 from gcs_sysid.diagnose.extended import Direction
@@ -28,11 +28,16 @@ WASH = 4.0
 """Share of effectiveness that a unit of thrust coefficient adds at a gain of 1."""
 SERVO = {"lag": 0.1, "backlash": 0.025}
 """Sizes [s, rad] at which the effect of a lag or of play is first taken: those that matter."""
+SKEW = 0.07
+"""Size [s] at which commands that come late, or early, are first taken: at a tenth of a second the
+effect of a delay on quick inputs is no line."""
 LEAST = 0.2
 """Share of these below which a servo's change is as good as a line."""
-NEARLY, GROWS = 0.02, 4.0
-"""Share within which the size at which a servo's change was taken is right; power by which it is
-moved otherwise."""
+NEARLY = 0.02
+"""Share within which the size at which a servo's change was taken is right."""
+GROWS = {"lag": 4.0, "backlash": 4.0, "skew": 1.0}
+"""Power of the share by which it is moved otherwise. What lag and play do grows by less than they
+do: inputs faster than a lag hardly feel that it is longer still."""
 KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
@@ -75,6 +80,7 @@ class Quantities:
         directions: change of the model's parameters by quantity.
         sizes: what shares refer to.
         has: what there is of what causes need.
+        streams: whose times may be skewed, with the places where the effect of that is taken.
     """
 
     aircraft: Aircraft
@@ -82,6 +88,7 @@ class Quantities:
     directions: Mapping[str, Direction]
     sizes: Mapping[str, float]
     has: frozenset[str]
+    streams: Mapping[str, tuple[float | None, ...]]
 
 
 @dataclass
@@ -159,15 +166,25 @@ def build(
         found[f"term.{coefficient}.{key}"] = {terms.name(coefficient, key): 1.0}
     for coefficient in COEFFICIENTS:
         terms.name(coefficient, regressors.CONSTANT)
-    late: dict[str, dict[str, float]] = {SERVO_STREAM: {"sensors.surface_delay": 1.0}}
+    late: dict[str, dict[str, float]] = {}
     for group, delay in DELAYS.items():
         if group in flown.streams:
             late.setdefault(flown.streams[group], {})[delay] = 1.0
     # All else is early when the inertial unit is late.
     early = {delay: -1.0 for delays in late.values() for delay in delays}
+    early["sensors.surface_delay"] = -1.0
     found |= {f"skew.{stream}": delays for stream, delays in late.items()}
     found.setdefault(f"skew.{flown.streams['gyro']}", early)
+    streams: dict[str, tuple[float | None, ...]] = {
+        name.partition(".")[2]: (None,) for name in found if name.startswith("skew.")
+    }
+    streams[SERVO_STREAM] = (SKEW, -SKEW)
     servos: list[tuple[Aircraft, float]] = []
+    for place in (SKEW, -SKEW):
+        name = f"skew.{SERVO_STREAM}.{place:.4g}"
+        size = known.get(name, place)
+        found[name] = {f"departures.actuators.{len(servos)}": 1.0}
+        servos.append((_late(aircraft, size), size))
     for index, control in enumerate(aircraft.control_names):
         own = list(terms.of(control))
         found[f"offset.{control}"] = {f"departures.offset.{index}": 1.0}
@@ -215,16 +232,15 @@ def build(
         "Cm_alpha": abs(terms.value("Cm", "alpha")) or 0.5,
         **{f"rate of {name}": value for name, value in flown.rates.items()},
     }
-    return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has))
+    return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has), streams)
 
 
 def servo_sizes(
     values: Mapping[str, float], before: Mapping[str, float]
 ) -> dict[str, float] | None:
-    """Lags and play among values of quantities, where they are not what was reckoned with.
+    """Lags, play and delays among values of quantities, where they are not what was reckoned with.
 
-    What they do grows by less than they do: inputs faster than a lag hardly feel that it is longer
-    still. Where more was found than was reckoned with, there is more yet.
+    Where more was found than was reckoned with, there is more yet.
 
     Args:
         values: by name.
@@ -235,28 +251,45 @@ def servo_sizes(
     """
     wanted = {}
     for name, value in values.items():
-        usual = SERVO.get(name.partition(".")[0])
+        usual = _usual(name)
         if usual is None:
             continue
         known = before.get(name, usual)
-        share = max(value, LEAST * usual) / known
+        share = max(value / known, LEAST * usual / known)
         if abs(share - 1.0) > NEARLY:
-            wanted[name] = known * min(max(share**GROWS, 0.25), 2.0)
+            grown = share ** GROWS[name.partition(".")[0]]
+            wanted[name] = known * min(max(grown, 0.25), 2.0)
     return {**before, **wanted} if wanted else None
 
 
 def servo_doubt(name: str, value: float, reached: Mapping[str, float]) -> float:
-    """How far a lag or play may be off since its change was taken at another size; else 0.
+    """How far it may be off since its change was taken at another size; else 0.
 
     Args:
         name: of the quantity.
         value: found.
         reached: what was reckoned with.
     """
-    usual = SERVO.get(name.partition(".")[0])
+    usual = _usual(name)
     if usual is None:
         return 0.0
     return min(abs(value - reached.get(name, usual)), abs(value))
+
+
+def _usual(name: str) -> float | None:
+    """Size at which the change of a servo's quantity is first taken; None for other quantities."""
+    kind, _, which = name.partition(".")
+    place = which.partition(".")[2]
+    if kind == "skew" and place:
+        return float(place)
+    return SERVO.get(kind)
+
+
+def _late(aircraft: Aircraft, delay: float) -> Aircraft:
+    """The aircraft whose servo commands come later than its file says [s]."""
+    stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
+    timing = replace(stated, delay=stated.delay + delay)
+    return replace(aircraft, streams={**aircraft.streams, SERVO_STREAM: timing})
 
 
 def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:
@@ -337,20 +370,28 @@ def candidates(causes: Mapping[str, Cause], found: Quantities) -> tuple[Candidat
     for cause in causes.values():
         if cause.needs and cause.needs not in found.has:
             continue
-        prefix = cause.parameters[0].frees.split("{")[0]
-        abouts: Iterable[str] = ("",)
-        if cause.about == "control":
-            abouts = found.aircraft.control_names
-        elif cause.about:
-            abouts = [
-                name.removeprefix(prefix) for name in found.directions if name.startswith(prefix)
-            ]
-        for about in abouts:
-            for at in cause.places or (None,):
+        for about, places in _abouts(cause, found).items():
+            for at in places:
                 candidate = Candidate(cause, about, at)
                 if any(any(found.directions[name].values()) for name in candidate.frees):
                     listed.append(candidate)
     return tuple(listed)
+
+
+def _abouts(cause: Cause, found: Quantities) -> Mapping[str, tuple[float | None, ...]]:
+    """What a cause may be about, and the places where its effect is taken."""
+    places = cause.places or (None,)
+    match cause.about:
+        case "control":
+            return dict.fromkeys(found.aircraft.control_names, places)
+        case "derivative":
+            prefix = "derivative."
+            named = (name for name in found.directions if name.startswith(prefix))
+            return {name.removeprefix(prefix): places for name in named}
+        case "stream":
+            return found.streams
+        case _:
+            return {"": places}
 
 
 def names(means: Means) -> tuple[str, ...]:

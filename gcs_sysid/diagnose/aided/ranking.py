@@ -164,7 +164,7 @@ def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
         evidence = np.array([files.evidence((one,)) for one in group])
         total = files.averaged(evidence)
         place = None
-        if group[0].at is not None:
+        if group[0].cause.where:
             places = np.array([one.at for one in group], dtype=float)
             spacing = float(np.mean(np.diff(places))) if places.size > 1 else 0.0
             weight = np.exp(total - total.max())

@@ -159,6 +159,32 @@ def test_the_extended_file_is_the_aircraft_that_flew(aircraft, effect, wrong) ->
         np.testing.assert_allclose(flat[name], value, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
+def test_late_commands_are_taken_where_they_are(aircraft) -> None:
+    """The change of the controls is that of a delay of the size, later or earlier."""
+    reached = {"skew.SERVO_OUTPUT_RAW.0.07": 0.11}
+    found = built(aircraft, reached=reached)
+    for name, size in (
+        ("skew.SERVO_OUTPUT_RAW.0.07", 0.11),
+        ("skew.SERVO_OUTPUT_RAW.-0.07", -0.07),
+    ):
+        ((parameter, weight),) = found.directions[name].items()
+        other, unit = found.servos[int(parameter.rpartition(".")[2])]
+        assert (weight, unit) == (1.0, size)
+        assert other.streams["SERVO_OUTPUT_RAW"].delay == pytest.approx(size)
+    every = quantities.candidates(CAUSES, found)
+    skews = [one for one in every if one.about == "SERVO_OUTPUT_RAW"]
+    assert {one.frees for one in skews} == {
+        ("skew.SERVO_OUTPUT_RAW.0.07",),
+        ("skew.SERVO_OUTPUT_RAW.-0.07",),
+    }
+    assert quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.0.07": 0.111}, reached) is None
+    moved = quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.-0.07": -0.1}, reached)
+    assert moved == pytest.approx({**reached, "skew.SERVO_OUTPUT_RAW.-0.07": -0.1})
+    # One of the other sign has next to nothing to take.
+    moved = quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.-0.07": 0.1}, {})
+    assert moved == pytest.approx({"skew.SERVO_OUTPUT_RAW.-0.07": -0.0175})
+
+
 def test_a_late_stream_is_told_by_the_message_that_carried_it(aircraft) -> None:
     found = built(aircraft)
     made = extended.corrected(
@@ -167,6 +193,12 @@ def test_a_late_stream_is_told_by_the_message_that_carried_it(aircraft) -> None:
     assert {name: timing.delay for name, timing in made.streams.items()} == {
         "SCALED_PRESSURE": 0.08
     }
+    for place, early in ((0.07, 0.09), (-0.07, -0.04)):
+        name = f"skew.SERVO_OUTPUT_RAW.{place}"
+        made = extended.corrected(aircraft, {name: (early, 0.01)}, found.directions, {})
+        assert {key: timing.delay for key, timing in made.streams.items()} == {
+            "SERVO_OUTPUT_RAW": early
+        }
     made = extended.corrected(aircraft, {"skew.RAW_IMU": (0.05, 0.01)}, found.directions, {})
     others = {"SERVO_OUTPUT_RAW", "ATTITUDE", "GLOBAL_POSITION_INT", "SCALED_PRESSURE"}
     others |= {"AOA_SSA"} if aircraft.vanes is not None else set()
