@@ -13,6 +13,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 
+from gcs_sysid.cli import numerics
+
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
 jax.config.update("jax_enable_x64", True)
@@ -65,17 +67,14 @@ class SharedSkips:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def compilation_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Compiled code of this run, shared by all its processes and the commands they start.
+def compilation_cache() -> Path:
+    """Compiled code, shared by all processes of a run, the commands they start, and the next run.
 
-    Without workers the folder of temporary files belongs to this process, with them its parent to
-    all.
+    It is found by the code that was compiled and the versions of everything: a third of a first
+    run's time is compilation.
     """
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-    folder = folder / "compiled"
-    folder.mkdir(exist_ok=True)
+    folder = numerics.cache_folder() / "tests"
+    folder.mkdir(parents=True, exist_ok=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
