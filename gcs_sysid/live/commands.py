@@ -65,7 +65,9 @@ class CommandMaps:
             channel = engine.throttle_channel
             if engine.rpm is not None:
                 return speeds[channel]
-            return propulsion.throttle(engine, pulses[channel], time, at=at)
+            return propulsion.throttle(
+                engine, pulses[channel], time, at=at, extra_delay=self._delay
+            )
 
         return [
             (

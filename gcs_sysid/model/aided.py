@@ -183,6 +183,7 @@ class Row(NamedTuple):
         control_slopes: change of `controls` per second of surface delay [rad/s].
         control_changes: of `controls` with each of `Departures.actuators`.
         settings: of the engines, throttle or rpm, at the same three times.
+        setting_changes: of `settings` with each of `Departures.actuators`.
         density: of the air [kg/m³].
         height: above the ground [m].
         airspeed: at which gusts are passed, true [m/s].
@@ -199,6 +200,7 @@ class Row(NamedTuple):
     control_slopes: Float[Array, "*sample three control"]
     control_changes: Float[Array, "*sample three control change"]
     settings: Float[Array, "*sample three engine"]
+    setting_changes: Float[Array, "*sample three engine change"]
     density: Float[Array, "*sample"]
     height: Float[Array, "*sample"]
     airspeed: Float[Array, "*sample"]
@@ -253,16 +255,17 @@ def _inputs(
     values = rigid_body.parameters(aircraft)._replace(aerodynamics=means.aerodynamics)
     late = means.sensors.surface_delay
     deflections = row.controls[when] + late * row.control_slopes[when]
-    wind, by = state.air.wind, means.departures
+    settings, wind, by = row.settings[when], state.air.wind, means.departures
     if by is not None:
         values = departures.body(values, by)
         deflections = deflections + by.offset + row.control_changes[when] @ by.actuators
+        settings = settings + row.setting_changes[when] @ by.actuators
         wind = departures.sheared(wind, by, row.height)
     position = jnp.stack([jnp.zeros_like(row.height), jnp.zeros_like(row.height), -row.height])
     motion = rigid_body.State(position, state.velocity, state.attitude, state.rate)
     acting = rigid_body.Inputs(
         controls=dict(zip(aircraft.control_names, deflections, strict=True)),
-        settings=row.settings[when],
+        settings=settings,
         wind=wind + state.air.gust,
         gust_rate=frames.unrotate(state.attitude, state.air.spin),
         density=row.density,

@@ -29,7 +29,7 @@ class Departures(NamedTuple):
         thrust_drop: thrust acts this far lower [m].
         thrust_tilt: thrust points up by this [rad].
         offset: where each control stands when told to stand at zero [rad].
-        actuators: how much of each of the rows' `control_changes` there is.
+        actuators: how much of each of the rows' `control_changes` and `setting_changes` there is.
         gyro_scale: indicated = (1 + scale)·true.
         imu_tilt: roll, pitch and yaw of the inertial unit in the airframe [rad].
         imu_position: of the inertial unit from where the file has it [m].

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import jax
@@ -83,7 +83,7 @@ def prepare(
         aircraft: its controls and engines.
         states: the kinematic reconstruction: sensors on one clock, and a first guess.
         others: the aircraft with one thing about its servos changed, and how much of it that is;
-            each makes one of `Row.control_changes`, per unit of it.
+            each makes one of `Row.control_changes` and `Row.setting_changes`, per unit of it.
     """
     kept, time = _without_holes(states.time)
     data = states.data
@@ -98,13 +98,22 @@ def prepare(
 
     controls = moved(aircraft)
     slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
-    changes = [(moved(other) - controls) / size for other, size in others]
+    settings = _settings(recording, aircraft, moments)
+
+    def changed(
+        at: Callable[[Aircraft], Float[np.ndarray, "row three what"]],
+        now: Float[np.ndarray, "row three what"],
+    ) -> Float[np.ndarray, "row three what change"]:
+        changes = [(at(other) - now) / size for other, size in others]
+        return np.stack(changes, axis=-1) if changes else np.zeros((*now.shape, 0))
+
     rows = Row(
         step=np.diff(time, prepend=time[:1]),
         controls=controls,
         control_slopes=slopes,
-        control_changes=np.stack(changes, axis=-1) if changes else np.zeros((*controls.shape, 0)),
-        settings=_settings(recording, aircraft, moments),
+        control_changes=changed(moved, controls),
+        settings=settings,
+        setting_changes=changed(lambda other: _settings(recording, other, moments), settings),
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
         airspeed=np.interp(time, states.time, states.airspeed),
@@ -332,7 +341,7 @@ def _settings(
     recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row three"]
 ) -> Float[np.ndarray, "row three engine"]:
     each = [
-        setting(recording, engine, moments.ravel()).reshape(moments.shape)
+        setting(recording, aircraft, engine, moments.ravel()).reshape(moments.shape)
         for engine in aircraft.propulsion
     ]
     return np.stack(each, axis=-1) if each else np.zeros((*moments.shape, 0))

@@ -329,7 +329,7 @@ def _places(time: Float[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:
 
 def thrust(recording: Recording, aircraft: Aircraft, states: States) -> Thrust:
     """Thrust of all engines over a reconstructed flight, as the aircraft file has it."""
-    engines = [_engine(recording, engine, states) for engine in aircraft.propulsion]
+    engines = [_engine(recording, aircraft, engine, states) for engine in aircraft.propulsion]
     return combined_thrust(aircraft, engines, states.time.size)
 
 
@@ -358,11 +358,11 @@ def combined_thrust(
 
 
 def _engine(
-    recording: Recording, engine: Propulsion, states: States
+    recording: Recording, aircraft: Aircraft, engine: Propulsion, states: States
 ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
     """Thrust [N] and reaction torque [N·m] of one engine."""
     flow = (states.airspeed, states.density)
-    at = setting(recording, engine, states.time)
+    at = setting(recording, aircraft, engine, states.time)
     return (
         np.asarray(propulsion.static_thrust(engine, at, *flow)),
         np.asarray(propulsion.static_torque(engine, at, *flow)),
@@ -370,9 +370,14 @@ def _engine(
 
 
 def setting(
-    recording: Recording, engine: Propulsion, at: Float[np.ndarray, " grid"]
+    recording: Recording,
+    aircraft: Aircraft,
+    engine: Propulsion,
+    at: Float[np.ndarray, " grid"],
 ) -> Float[np.ndarray, " grid"]:
     """Throttle, 0 to 1, or rotation speed [rpm] of one engine, whichever its table is over.
+
+    Servo outputs that the aircraft file says come late are late for the throttle too.
 
     Raises:
         RefusedError: the recording does not have it.
@@ -399,4 +404,6 @@ def setting(
             fix="correct `throttle_channel` in the aircraft file's [propulsion]",
         )
     time, sent = pulses(stream, (engine.throttle_channel,))
-    return np.asarray(propulsion.throttle(engine, sent[engine.throttle_channel], time, at=at))
+    late = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+    own = sent[engine.throttle_channel]
+    return np.asarray(propulsion.throttle(engine, own, time, at=at, extra_delay=late))

@@ -146,7 +146,7 @@ def _inputs(
     late = flight.delay.value
     controls = actuators.controls(aircraft, sent, when, at=time.ravel(), extra_delay=late)
     settings = [
-        flights.setting(flight.recording, engine, time.ravel()).reshape(time.shape)
+        flights.setting(flight.recording, aircraft, engine, time.ravel()).reshape(time.shape)
         for engine in aircraft.propulsion
     ]
     return Inputs(

@@ -141,6 +141,7 @@ def empty(elevator: np.ndarray) -> Row:
         control_slopes=np.zeros_like(controls),
         control_changes=np.zeros((*controls.shape, 0)),
         settings=np.zeros((COUNT, 3, 0)),
+        setting_changes=np.zeros((COUNT, 3, 0, 0)),
         density=np.full(COUNT, 1.2),
         height=np.full(COUNT, 100.0),
         airspeed=np.full(COUNT, 17.0),

@@ -99,6 +99,7 @@ def row(step: float) -> Row:
         control_slopes=jnp.zeros((3, 1)),
         control_changes=jnp.zeros((3, 1, 0)),
         settings=jnp.zeros((3, 0)),
+        setting_changes=jnp.zeros((3, 0, 0)),
         density=jnp.asarray(1.2),
         height=jnp.asarray(100.0),
         airspeed=jnp.asarray(SPEED),
