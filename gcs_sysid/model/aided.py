@@ -179,7 +179,8 @@ class Row(NamedTuple):
 
     Attributes:
         step: length of the step [s]; 0 for the first row and for padding.
-        controls: at the step's beginning, middle and end, in the aircraft's order [rad].
+        controls: at the step's beginning, middle and end, in the aircraft's order [rad]; the
+            middle one makes the mean right.
         control_slopes: change of `controls` per second of surface delay [rad/s].
         control_changes: of `controls` with each of `Departures.actuators`.
         settings: of the engines, throttle or rpm, at the same three times.

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.model import actuators, air
+from gcs_sysid.model import actuators, air, runge_kutta
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -31,6 +31,8 @@ SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken: into the past only. What
 an autopilot commands at a sample answers the noise of that very sample; in the sensitivities it
 would make noise tell of the surfaces, and feign a delay of a millisecond."""
+PARTS = 8
+"""Of a step, at whose ends the surfaces are looked at: to 2.5 ms at 50 Hz."""
 HAIR = 1e-6
 """A step ends so much [s] before what is commanded at its end."""
 ROTATION_LENGTH = 0.25
@@ -88,17 +90,21 @@ def prepare(
     kept, time = _without_holes(states.time)
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
-    moments = np.stack([before, 0.5 * (before + time), time - HAIR], axis=1)
+    moments = before[:, None] + (time - HAIR - before)[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
     told = SERVO_STREAM in recording.streams
 
     def moved(one: Aircraft, late: float = 0.0) -> Float[np.ndarray, "row three control"]:
         if not told:
-            return np.zeros((*moments.shape, len(one.control_names)))
-        return _controls(recording, one, moments, late)
+            return np.zeros((time.size, 3, len(one.control_names)))
+        return runge_kutta.inputs(_controls(recording, one, moments, late))
 
     controls = moved(aircraft)
     slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
-    settings = _settings(recording, aircraft, moments)
+
+    def driven(one: Aircraft) -> Float[np.ndarray, "row three engine"]:
+        return runge_kutta.inputs(_settings(recording, one, moments))
+
+    settings = driven(aircraft)
 
     def changed(
         at: Callable[[Aircraft], Float[np.ndarray, "row three what"]],
@@ -113,7 +119,7 @@ def prepare(
         control_slopes=slopes,
         control_changes=changed(moved, controls),
         settings=settings,
-        setting_changes=changed(lambda other: _settings(recording, other, moments), settings),
+        setting_changes=changed(driven, settings),
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
         airspeed=np.interp(time, states.time, states.airspeed),
@@ -325,9 +331,9 @@ def _measured(data: FlightData, kept: np.ndarray, count: int) -> Measurements:
 def _controls(
     recording: Recording,
     aircraft: Aircraft,
-    moments: Float[np.ndarray, "row three"],
+    moments: Float[np.ndarray, "row moment"],
     late: float,
-) -> Float[np.ndarray, "row three control"]:
+) -> Float[np.ndarray, "row moment control"]:
     """Deflections, with the servo stream later than stated by `late` [s]."""
     time, sent = pulses(recording.streams[SERVO_STREAM], control_channels(aircraft))
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
@@ -338,8 +344,8 @@ def _controls(
 
 
 def _settings(
-    recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row three"]
-) -> Float[np.ndarray, "row three engine"]:
+    recording: Recording, aircraft: Aircraft, moments: Float[np.ndarray, "row moment"]
+) -> Float[np.ndarray, "row moment engine"]:
     each = [
         setting(recording, aircraft, engine, moments.ravel()).reshape(moments.shape)
         for engine in aircraft.propulsion

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.diagnose import extended, verdict
-from gcs_sysid.diagnose.aided import ranking
-from gcs_sysid.diagnose.aided.unlisted import MissingTerm
+from gcs_sysid.diagnose.aided import ranking, unlisted
+from gcs_sysid.diagnose.aided.quantities import MISSING
 from gcs_sysid.diagnose.hypothesis import Ranked
-from gcs_sysid.diagnose.verdict import NAMED
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import departed, investigation, summary
 from gcs_sysid.offline import diagnosis_entries as entries
@@ -58,18 +56,18 @@ def diagnosed(
     gained = found.gained(best.causes)
     answer = verdict.sustained(answer, gained)
     strained = verdict.strained(found.unknowns.names, found.unknowns.as_accurate(1.0).of_file, best)
-    missing = _asked_for(found)
+    missing = found.missing
+    if missing is not None and not unlisted.named(missing, found.unlisted, found.ranked):
+        missing = None
     if missing is not None:
         answer = replace(answer, answer="unlisted_effect", indistinguishable=())
     elif strained and answer.answer == "no_effect":
         answer = replace(answer, answer="insufficient_data")
     named = best if answer.answer in ("effect", "ambiguous") else None
     corrections = {} if named is None else wrong(found, named)
-    directions = dict(found.quantities.directions)
+    directions = found.quantities.directions
     if missing is not None:
-        key = regressors.parse(missing.key, controls=aircraft.control_names).key
-        corrections = {"missing": (missing.value, missing.deviation)}
-        directions["missing"] = {f"aerodynamics.{missing.coefficient}.{key}": 1.0}
+        corrections = {MISSING: (missing.value, missing.deviation)}
         gained = found.missing_gain
     better = extended.corrected(file, corrections, directions, _limits(named))
     progress("comparing before and after", 0.95)
@@ -103,14 +101,6 @@ def diagnosed(
         ],
     }
     return document, table, better
-
-
-def _asked_for(found: Investigation) -> MissingTerm | None:
-    """The missing term, if that one is missing is more probable than any set of causes."""
-    missing = found.missing
-    if missing is None or missing.log_bayes_factor < NAMED:
-        return None
-    return missing if found.unlisted > found.ranked[0].probability else None
 
 
 def _as_found(aircraft: Aircraft, delay: Delay | None) -> Aircraft:

@@ -8,20 +8,22 @@ stays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
-from gcs_sysid.diagnose.aided.quantities import Quantities
+from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
 from gcs_sysid.diagnose.aided.ranking import rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
-from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information
+from gcs_sysid.diagnose.cause import Candidate, Cause, Parameter
+from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.unlisted import terms
 from gcs_sysid.estimate.settling import Beliefs, Settled
@@ -32,6 +34,19 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 
 ROUNDS = 3
 """Favourites that are put to the test."""
+Telling = Callable[[str, int], None]
+"""Is told what is being done, and with which flight."""
+_MISSING = Candidate(
+    Cause(
+        name="unlisted",
+        parameters=(
+            Parameter("value", MISSING, nominal=0.0, sigma=1.0, matters=0.0, unit="1", per=MISSING),
+        ),
+        explanation="",
+        shown_by="",
+    )
+)
+"""A missing term as a cause, once it is known which."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +64,9 @@ class Investigation:
             None where what took no part does not ask for it.
         unlisted: probability that one is missing.
         missing_gain: log predictive density per measurement that it gains on what took no part.
-        model: the aircraft with all terms.
+        model: the aircraft with all terms, a missing one that is to be named among them.
         subjects: the flights.
-        settled: where each of them settled.
+        settled: where each of them settled under that model.
         notes: what the engineer should know.
     """
 
@@ -104,36 +119,19 @@ def investigate(
         held_out: maneuvers that take none.
         progress: told what is being done.
     """
-    flown, reached = settled.flown(flights, aircraft), dict[str, float]()
-    found = quantities.build(aircraft, flown)
-    every = quantities.candidates(CAUSES, found)
-    subjects = [
-        settled.prepare(one, found, held_out, apart=not part)
-        for one, part in zip(flights, fitted, strict=True)
-    ]
-    vanes = "vanes" in found.has
-    before = [settled.believed(one, found, vanes=vanes) for one in subjects]
-    names = quantities.names(subjects[0].first.means)
-    ordinary = beliefs.ordinary(names, found.aircraft, vanes=vanes)
-    usual = unknowns.tolerated(every, found.directions, found.sizes)
-    flow = {
-        name: np.concatenate([one.samples.regressors[name] for one in flights])
-        for name in flights[0].samples.regressors
-    }
-    listed = unknowns.of_flights(
-        *(names, ordinary, found.directions, usual, found.sizes, len(flights)),
-        beliefs.negligible(names, found.aircraft, flow),
-    )
-    model = settled.model_of(found)
+    asked = _Asked(aircraft, flights, fitted, held_out)
+    reached = dict[str, float]()
+    question = asked.question()
+    listed, every = question.listed, question.every
     steps = len(flights) * (1 + ROUNDS)
-    done: list[Settled] = []
-    for number, (one, own) in enumerate(zip(subjects, before, strict=True)):
 
-        def told(text: str, number: int = number) -> None:
-            progress(f"flying the simulation along: {text}", number / steps)
+    def telling(doing: str, turn: int) -> Telling:
+        return lambda text, number: progress(
+            f"{doing}: {text}", (len(flights) * turn + number) / steps
+        )
 
-        done.append(settled.settle(model, one, own, told))
-    information, apart = _summed(listed, before, done)
+    done = question.settled(telling("flying the simulation along", 0))
+    information, apart = question.told(done)
     ranked = rank(information, listed, every)
     tested: list[tuple[Candidate, ...]] = [()]
     for turn in range(1, ROUNDS + 1):
@@ -143,33 +141,32 @@ def investigate(
             break
         if sizes is not None:
             reached = sizes
-            found = quantities.build(aircraft, flown, reached)
-            subjects = [settled.with_servos(one, found) for one in subjects]
+            question = question.with_servos(quantities.build(aircraft, asked.flown, reached))
         tested.append(best.causes)
         words = " and ".join(candidate.label for candidate in best.causes)
-
-        def trying(text: str, turn: int = turn, words: str = words) -> None:
-            progress(f"trying {words}: {text}", len(flights) * turn / steps)
-
-        done = [
-            settled.settle(
-                model,
-                one,
-                _with(own, listed, number, best.causes),
-                trying,
-                start=last,
-                moved=listed.in_flight(number, listed.alone(best.causes, best.posterior.mean)),
-            )
-            for number, (one, own, last) in enumerate(zip(subjects, before, done, strict=True))
-        ]
-        information, apart = _summed(listed, before, done)
+        done = question.settled(
+            telling(f"trying {words}", turn),
+            causes=_wherever(best.causes, every),
+            start=done,
+            moved=listed.alone(best.causes, best.posterior.mean),
+        )
+        information, apart = question.told(done)
         ranked = rank(information, listed, every)
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
-    missing, gain_of_it = _missing(model, names, found, listed, before, done, subjects)
+    missing, gained = question.missing(done)
     ranked, probability = unlisted.weighed(ranked, missing)
+    if missing is not None and unlisted.named(missing, probability, ranked):
+        wider = asked.question(reached, missing)
+        done = wider.settled(
+            telling(f"trying {missing.coefficient} {missing.key}", ROUNDS),
+            causes=(_MISSING,),
+            start=question.carried(done, wider, missing),
+        )
+        missing, gained = wider.found(done, missing)
+        question = wider
     return Investigation(
-        quantities=found,
+        quantities=question.quantities,
         unknowns=listed,
         candidates=every,
         information=information,
@@ -177,16 +174,166 @@ def investigate(
         ranked=ranked,
         missing=missing,
         unlisted=probability,
-        missing_gain=gain_of_it,
-        model=model,
-        subjects=tuple(subjects),
+        missing_gain=gained,
+        model=question.model,
+        subjects=question.subjects,
         settled=tuple(done),
         notes=tuple(
             f"{one.one.recording.source}: the filter had not quite settled after its last turn"
-            for one, last in zip(subjects, done, strict=True)
+            for one, last in zip(question.subjects, done, strict=True)
             if not last.ended
         ),
     )
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What an investigation is given, see `investigate`."""
+
+    aircraft: Aircraft
+    flights: Sequence[Flight]
+    fitted: Sequence[bool]
+    held_out: Sequence[int]
+
+    @functools.cached_property
+    def flown(self) -> Flown:
+        return settled.flown(self.flights, self.aircraft)
+
+    def question(
+        self, reached: Mapping[str, float] | None = None, missing: MissingTerm | None = None
+    ) -> _Question:
+        """All that may be wrong, and with a missing term that one too."""
+        found = quantities.build(self.aircraft, self.flown, reached)
+        if missing is not None:
+            found = quantities.with_term(
+                found, missing.coefficient, missing.key, sigma=missing.sigma
+            )
+        every = quantities.candidates(CAUSES, found)
+        subjects = tuple(
+            settled.prepare(one, found, self.held_out, apart=not part)
+            for one, part in zip(self.flights, self.fitted, strict=True)
+        )
+        vanes = "vanes" in found.has
+        names = quantities.names(subjects[0].first.means)
+        flow = {
+            name: np.concatenate([one.samples.regressors[name] for one in self.flights])
+            for name in self.flights[0].samples.regressors
+        }
+        listed = unknowns.of_flights(
+            names,
+            beliefs.ordinary(names, found.aircraft, vanes=vanes),
+            found.directions,
+            unknowns.tolerated(every, found.directions, found.sizes),
+            found.sizes,
+            len(self.flights),
+            beliefs.negligible(names, found.aircraft, flow),
+        )
+        before = tuple(settled.believed(one, found, vanes=vanes) for one in subjects)
+        return _Question(found, every, subjects, names, listed, before, settled.model_of(found))
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is asked of flights.
+
+    Attributes:
+        quantities: what causes set free.
+        every: all causes.
+        subjects: the flights.
+        names: of the model's parameters.
+        listed: all unknowns.
+        before: beliefs about each flight.
+        model: the aircraft with all terms.
+    """
+
+    quantities: Quantities
+    every: tuple[Candidate, ...]
+    subjects: tuple[Subject, ...]
+    names: tuple[str, ...]
+    listed: Unknowns
+    before: tuple[Beliefs, ...]
+    model: FlightModel
+
+    def with_servos(self, found: Quantities) -> _Question:
+        """The same of servos that are reckoned with otherwise."""
+        subjects = tuple(settled.with_servos(one, found) for one in self.subjects)
+        return replace(self, quantities=found, subjects=subjects)
+
+    def settled(
+        self,
+        telling: Telling,
+        causes: Sequence[Candidate] = (),
+        start: Sequence[Settled] | None = None,
+        moved: Float[np.ndarray, " unknown"] | None = None,
+    ) -> list[Settled]:
+        """Every flight settled with causes set free.
+
+        Args:
+            telling: told about every flight's turns.
+            causes: what is set free.
+            start: where the flights were settled before.
+            moved: departures of all unknowns to begin with; None where they were before.
+        """
+        done = []
+        for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
+            done.append(
+                settled.settle(
+                    self.model,
+                    one,
+                    _with(own, self.listed, number, causes) if causes else own,
+                    lambda text, number=number: telling(text, number),
+                    start=None if start is None else start[number],
+                    moved=None if moved is None else self.listed.in_flight(number, moved),
+                )
+            )
+        return done
+
+    def told(self, done: Sequence[Settled]) -> tuple[Information, Information]:
+        """What all flights say by what was fitted, and by what was not."""
+        return _summed(self.listed, self.before, done)
+
+    def missing(self, done: Sequence[Settled]) -> tuple[MissingTerm | None, float]:
+        """A term that nothing listed stands for, and what it gains on what took no part."""
+        products = terms(self.quantities.aircraft.control_names)
+        more = unlisted.names(products)
+        listed = self.listed.with_more(more)
+        wide = [
+            settled.with_terms(self.model, one, last, self.names, products)
+            for one, last in zip(self.subjects, done, strict=True)
+        ]
+        stretched = [settled.stretched(own, len(more)) for own in self.before]
+        fitted, apart = _summed(listed, stretched, wide)
+        samples = self.subjects[0].one.samples
+        sigma = unlisted.sizes(products, samples.regressors, samples.measured)
+        missing = unlisted.strongest(fitted, apart, listed, products, sigma)
+        if missing is None:
+            return None, float(np.nan)
+        index = more.index(f"missing.{missing.coefficient}.{missing.key}")
+        accurate = listed.as_accurate(missing.accuracy)
+        return missing, unlisted.gained(fitted, apart, accurate, index, sigma)
+
+    def carried(
+        self, done: Sequence[Settled], wider: _Question, missing: MissingTerm
+    ) -> list[Settled]:
+        """Where flights were settled, as where a question with one more term begins."""
+        places = [wider.names.index(name) for name in self.names]
+        (term,) = wider.quantities.directions[MISSING]
+        carried = []
+        for one in done:
+            values = np.zeros(len(wider.names))
+            values[places] = one.values
+            values[wider.names.index(term)] += missing.value
+            carried.append(replace(one, values=values))
+        return carried
+
+    def found(self, done: Sequence[Settled], missing: MissingTerm) -> tuple[MissingTerm, float]:
+        """The missing term with flights settled with it, and what it gains."""
+        information, apart = self.told(done)
+        accurate = self.listed.as_accurate(missing.accuracy)
+        under = posterior(information, *accurate.freed((_MISSING,)))
+        value, deviation = accurate.along(MISSING, under.mean, under.covariance)
+        gained = gain.gained(information, apart, accurate, (_MISSING,))
+        return replace(missing, value=value, deviation=deviation), gained
 
 
 def _summed(
@@ -201,6 +348,19 @@ def _summed(
     for more, others in parts[1:]:
         fitted, apart = fitted.plus(more), apart.plus(others)
     return fitted, apart
+
+
+def _wherever(causes: Sequence[Candidate], every: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The causes, at all places where they may be: about a wrong place the right one looks bad.
+
+    Not where only one place can be free, since each is all of the effect.
+    """
+    found = []
+    for one in causes:
+        free = one.cause.where and not any(each.expected for each in one.cause.parameters)
+        same = [each for each in every if (each.cause, each.about) == (one.cause, one.about)]
+        found += same if free else [one]
+    return tuple(found)
 
 
 def _doubted(one: Ranked, reached: Mapping[str, float]) -> Ranked:
@@ -243,32 +403,3 @@ def _with(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidat
     along = listed.directions[places] * quantities_free
     centre = own.mean + listed.directions[places] @ mean[listed.parameters :]
     return replace(own, mean=centre, covariance=own.covariance + along @ along.T)
-
-
-def _missing(
-    model: FlightModel,
-    names: Sequence[str],
-    found: Quantities,
-    known: Unknowns,
-    before: Sequence[Beliefs],
-    done: Sequence[Settled],
-    subjects: Sequence[Subject],
-) -> tuple[MissingTerm | None, float]:
-    """A term that nothing in the catalogue stands for, and what it gains on what took no part."""
-    products = terms(found.aircraft.control_names)
-    more = unlisted.names(products)
-    listed = known.with_more(more)
-    wide = [
-        settled.with_terms(model, one, last, names, products)
-        for one, last in zip(subjects, done, strict=True)
-    ]
-    stretched = [settled.stretched(own, len(more)) for own in before]
-    fitted, apart = _summed(listed, stretched, wide)
-    samples = subjects[0].one.samples
-    sigma = unlisted.sizes(products, samples.regressors, samples.measured)
-    missing = unlisted.strongest(fitted, apart, listed, products, sigma)
-    if missing is None:
-        return None, float(np.nan)
-    index = more.index(f"missing.{missing.coefficient}.{missing.key}")
-    accurate = listed.as_accurate(missing.accuracy)
-    return missing, unlisted.gained(fitted, apart, accurate, index, sigma)

@@ -43,6 +43,8 @@ KNOTS = (0.1, 0.3, 1.0)
 NEAR = 0.5
 """Height over span below which a flight may show the ground's influence."""
 SERVO_STREAM = "SERVO_OUTPUT_RAW"
+MISSING = "missing"
+"""Quantity of a term that nothing listed stands for."""
 DELAYS: Mapping[str, str] = {
     "attitude": "sensors.attitude_delay",
     "velocity": "sensors.velocity_delay",
@@ -233,6 +235,14 @@ def build(
         **{f"rate of {name}": value for name, value in flown.rates.items()},
     }
     return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has), streams)
+
+
+def with_term(found: Quantities, coefficient: str, text: str, *, sigma: float) -> Quantities:
+    """With one more term, that the quantity `MISSING` is; `sigma` is what is believed of it."""
+    terms = _Terms(found.aircraft)
+    directions = {**found.directions, MISSING: {terms.name(coefficient, text): 1.0}}
+    sizes = {**found.sizes, MISSING: sigma}
+    return replace(found, aircraft=terms.complete(), directions=directions, sizes=sizes)
 
 
 def servo_sizes(

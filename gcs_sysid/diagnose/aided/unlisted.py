@@ -15,6 +15,7 @@ from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED, Ranked
 from gcs_sysid.diagnose.unlisted import SIZE
+from gcs_sysid.diagnose.verdict import NAMED
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class MissingTerm:
         log_bayes_factor: evidence for any term missing, against nothing being wrong [nat].
         value: of this one.
         deviation: one sigma of it.
+        sigma: what was believed of it.
         accuracy: of the rest of the file, as for `Ranked`.
     """
 
@@ -35,6 +37,7 @@ class MissingTerm:
     log_bayes_factor: float
     value: float
     deviation: float
+    sigma: float
     accuracy: float
 
     @property
@@ -103,6 +106,7 @@ def strongest(
         float(logsumexp(having) - np.log(sigma.size) - nothing),
         float(tried[place].value[best]),
         float(tried[place].deviation[best]),
+        float(sigma[best]),
         tuple(ACCURACIES)[place],
     )
 
@@ -127,6 +131,11 @@ def weighed(
     probability = float(expit(missing.log_bayes_factor - best.log_bayes_factor + share))
     left = 1.0 - probability
     return tuple(replace(one, probability=left * one.probability) for one in ranked), probability
+
+
+def named(missing: MissingTerm, probability: float, ranked: Sequence[Ranked]) -> bool:
+    """Whether that a term is missing is more probable than any set of causes."""
+    return missing.log_bayes_factor >= NAMED and probability > ranked[0].probability
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,6 @@ CAUSE = Cause(
     " is lost, which the file does not say",
     shown_by="slow decelerations to the stall at two rates",
     where="alpha_break",
-    places=(0.08, 0.1, 0.12, 0.14, 0.17, 0.2),
+    places=(0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.16, 0.18, 0.2),
     where_unit="rad",
 )
