@@ -179,8 +179,7 @@ class Row(NamedTuple):
 
     Attributes:
         step: length of the step [s]; 0 for the first row and for padding.
-        controls: at the step's beginning, middle and end, in the aircraft's order [rad]; the
-            middle one makes the mean right.
+        controls: at a step's beginning, middle, end (`runge_kutta.inputs`), in file order [rad].
         control_slopes: change of `controls` per second of surface delay [rad/s].
         control_changes: of `controls` with each of `Departures.actuators`.
         settings: of the engines, throttle or rpm, at the same three times.
@@ -368,8 +367,9 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
 
     def flow(at: State, place: tuple[float, float, float]) -> tuple[Array, Array, Array]:
         through = frames.unrotate(at.attitude, at.velocity - wind - at.air.gust)
+        against = rate - frames.unrotate(at.attitude, at.air.spin)
         lever = jnp.asarray(np.array(place)) - centre
-        return frames.flow_angles(through + frames.cross(rate, lever))
+        return frames.flow_angles(through + frames.cross(against, lever))
 
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
     tracked = shifted(1, errors.velocity_delay)
@@ -408,8 +408,7 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
         + [noise.airspeed, level, level, down, tilt, tilt, heading]
         + [noise.vanes] * 2
     )
-    floor = jnp.zeros(ROW_COUNT).at[ROWS["attitude"]].set(ATTITUDE_FLOOR)
-    return deviation**2 + floor**2
+    return (deviation**2).at[ROWS["attitude"]].add(ATTITUDE_FLOOR**2)
 
 
 def process(
@@ -506,9 +505,7 @@ def jacobian(
     matrix = jnp.zeros((SIZE, SIZE))
     for name, column in columns.items():
         matrix = matrix.at[:MOVING, BLOCKS[name]].set(column)
-    x, y, z = rate
-    still = jnp.zeros_like(x)
-    turning = jnp.array([[still, -z, y], [z, still, -x], [-y, x, still]])
+    turning = jax.vmap(lambda axis: frames.cross(rate, axis), out_axes=1)(jnp.eye(3))
     matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
     return matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])

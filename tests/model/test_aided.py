@@ -180,7 +180,9 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
     now = state()
     lever = np.array(STONE.pitot.position) - np.array(STONE.mass.cg)
     through = frames.unrotate(now.attitude, now.velocity - now.air.wind - now.air.gust)
-    speed = np.linalg.norm(np.asarray(through) + np.cross(np.asarray(now.rate), lever))
+    # A gust that turns is stronger where the tube is.
+    turning = np.asarray(now.rate - frames.unrotate(now.attitude, now.air.spin))
+    speed = np.linalg.norm(np.asarray(through) + np.cross(turning, lever))
     shown = frames.multiply(frames.exponential(now.attitude_error), now.attitude)
     seen = row(0.0).measured._replace(
         airspeed=jnp.asarray([1.03 * speed]),
