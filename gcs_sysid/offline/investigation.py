@@ -146,7 +146,7 @@ def investigate(
         words = " and ".join(candidate.label for candidate in best.causes)
         done = question.settled(
             telling(f"trying {words}", turn),
-            causes=_wherever(best.causes, every),
+            causes=wherever(best.causes, every),
             start=done,
             moved=listed.alone(best.causes, best.posterior.mean),
         )
@@ -350,7 +350,7 @@ def _summed(
     return fitted, apart
 
 
-def _wherever(causes: Sequence[Candidate], every: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def wherever(causes: Sequence[Candidate], every: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """The causes, at all places where they may be: about a wrong place the right one looks bad.
 
     Not where only one place can be free, since each is all of the effect.

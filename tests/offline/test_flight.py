@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_sysid.aircraft import Aircraft, Propulsion
+from gcs_sysid.aircraft import Aircraft, Propulsion, StreamTiming
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.offline import flight
 from gcs_sysid.reconstruct.reconstruction import States
@@ -102,6 +102,19 @@ def test_a_throttle_that_is_not_in_the_log_is_refused() -> None:
     record = recording(SERVO_OUTPUT_RAW=pulses(pwm_1=1500.0))
     with pytest.raises(RefusedError, match="has no servo3"):
         flight.thrust(record, powered(ENGINE), states())
+
+
+def test_a_late_stream_is_late_for_the_throttle_too() -> None:
+    """A step of the throttle in commands that come a quarter of a second late."""
+    pwm = np.where(TIME < 5.0, 1000.0, 2000.0)
+    record = recording(SERVO_OUTPUT_RAW={"pwm_3": pwm})
+    made = powered(ENGINE)
+    late = replace(made, streams={"SERVO_OUTPUT_RAW": StreamTiming(0.25, None)})
+    at = np.array([5.1, 5.2, 5.4, 6.0])
+    on_time = flight.setting(record, made, ENGINE, at)
+    np.testing.assert_allclose(flight.setting(record, late, ENGINE, at + 0.25), on_time)
+    assert flight.setting(record, late, ENGINE, at)[0] == 0.0
+    assert on_time[0] > 0.0
 
 
 def test_an_aircraft_without_engines_has_no_thrust() -> None:

@@ -6,9 +6,11 @@ CAUSE = Cause(
     name="aeroelastic",
     parameters=(
         Parameter("loss", "aeroelastic.{about}", nominal=0.0, sigma=0.25, matters=0.2, unit="1"),
+        # At which dynamic pressure the file is right, nobody says.
+        Parameter("level", "effectiveness.{about}", nominal=1.0, sigma=0.2, matters=0.2, unit="1"),
     ),
     explanation="the {about} changes its effect by {loss:+.2f} with each doubling of the dynamic "
-    "pressure: something bends",
+    "pressure, and has {level:.2f} of the file's at the usual one: something bends",
     shown_by="multisine on that control at three airspeeds",
     about="control",
 )

@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid import aircraft_file
+from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft, CoefficientModel
 from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.diagnose import extended
 from gcs_sysid.diagnose.aided import beliefs, quantities
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.model import aerodynamics, departures
 from gcs_sysid.model.aided import Means, Sensors
 from gcs_sysid.sitl import plan, scenario
@@ -336,3 +337,21 @@ def test_what_nobody_sees_is_a_percent_of_what_a_coefficient_does(aircraft) -> N
             change = np.asarray(aerodynamics.coefficient(other, flow)) - value
             size = np.abs(change).mean() if key == "1" else change.std()
             assert size == pytest.approx(0.01 * value.std(), rel=1e-6)
+
+
+def test_a_missing_term_is_one_more_quantity(aircraft) -> None:
+    found = built(aircraft)
+    control = aircraft.control_names[0]
+    wider = quantities.with_term(found, "Cn", f"alpha*{control}", sigma=0.3)
+    key = regressors.parse(f"alpha*{control}", controls=aircraft.control_names).key
+    assert wider.directions[quantities.MISSING] == {f"aerodynamics.Cn.{key}": 1.0}
+    assert wider.aircraft.aerodynamics["Cn"].terms[key].value == 0.0
+    assert wider.sizes[quantities.MISSING] == 0.3
+    assert quantities.MISSING not in found.directions
+
+
+def test_where_the_file_is_right_about_what_bends_is_left_open(aircraft) -> None:
+    """A loss from another dynamic pressure on is the same loss with another level."""
+    control = aircraft.control_names[0]
+    bent = Candidate(CAUSES["aeroelastic"], control)
+    assert bent.frees == (f"aeroelastic.{control}", f"effectiveness.{control}")

@@ -147,7 +147,8 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
 
 def test_what_a_cause_explains_as_well_is_not_called_unlisted() -> None:
     ranked = rank(told({"cg.x": -0.1}), listed(), EVERY)
-    found = MissingTerm("Cm", ("beta",), ranked[0].log_bayes_factor, 0.1, 0.01, ranked[0].accuracy)
+    best = ranked[0]
+    found = MissingTerm("Cm", ("beta",), best.log_bayes_factor, 0.1, 0.01, 0.2, best.accuracy)
     both, probability = unlisted.weighed(ranked, found)
     assert sum(one.probability for one in both) + probability == pytest.approx(1.0)
     odds = PRIOR_OF_UNLISTED / ranked[0].prior
