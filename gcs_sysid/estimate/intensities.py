@@ -24,8 +24,9 @@ from jaxtyping import Float
 
 from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise, Row
+from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model.aided import Means, Noise, Row
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Path
@@ -249,7 +250,7 @@ class _Driven(NamedTuple):
     """What intensities are to a row: all that they enter by.
 
     Attributes:
-        decay: how the air and the slow errors change by themselves, where `aided.passing` is 1.
+        decay: how the air and the slow errors change by themselves, where `passing` is 1.
         driving: spectral density of the white noise there, where the equations are believed.
         doubted: where they are not.
         variance: of the measurements.
@@ -264,9 +265,12 @@ class _Driven(NamedTuple):
 def _driven(log_noise: Noise) -> _Driven:
     noise = aided_smoother.positive(log_noise)
     believed, doubted = (
-        aided.driving(aided.doubted(noise, jnp.asarray(modelled))) for modelled in (True, False)
+        aided_linear.driving(aided_linear.doubted(noise, jnp.asarray(modelled)))
+        for modelled in (True, False)
     )
-    return _Driven(aided.decay(noise), believed, doubted, aided.measurement_variance(noise))
+    return _Driven(
+        aided_linear.decay(noise), believed, doubted, aided_linear.measurement_variance(noise)
+    )
 
 
 class _Covered(NamedTuple):
@@ -282,12 +286,12 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
     driven = _driven(log_noise)
 
     def one(row: Row, still: Still) -> _Covered:
-        half = aided.half_transition(still.mechanics, driven.decay, row)
+        half = aided_linear.half_transition(still.mechanics, driven.decay, row)
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
         return _Covered(
             half @ half,
-            aided.process(half, row, noise),
-            jnp.where(aided.present_rows(row), driven.variance, 1.0),
+            aided_linear.process(half, row, noise),
+            jnp.where(aided_linear.present_rows(row), driven.variance, 1.0),
         )
 
     return jax.vmap(one)(chunk.row, still)
@@ -299,7 +303,7 @@ def _mechanics(
 ) -> Float[Array, "sample state state"]:
     def one(part: Chunk) -> Array:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
-        return aided.jacobian(model.aircraft, means, middle, part.row, 1)
+        return aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
 
     return jax.vmap(one)(chunk)
 
@@ -316,7 +320,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised
     slow = slice(aided.MOVING, aided.SIZE)
 
     def one(row: Row, still: Still, by: Linearised) -> tuple[Array, Array, Array]:
-        passed = aided.passing(row)[:, None]
+        passed = aided_linear.passing(row)[:, None]
         rates = 0.5 * row.step * still.mechanics.at[slow, slow].set(passed[slow] * driven.decay)
         inmost = unit + rates / 4.0
         inner = unit + rates @ inmost / 3.0
@@ -340,7 +344,7 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised
         of_rates = first[slow] @ outer[slow, slow].T + second[slow] @ inner[slow, slow].T / 2.0
         of_rates = of_rates + third[slow] @ inmost[slow, slow].T / 3.0
         of_rates = of_rates + (rates.T @ third)[slow] / 12.0
-        variance = jnp.where(aided.present_rows(row), by.variance, 0.0)
+        variance = jnp.where(aided_linear.present_rows(row), by.variance, 0.0)
         return 0.5 * row.step * passed[slow] * of_rates, passed * of_noise, variance
 
     decay, noise, variance = jax.vmap(one)(chunk.row, still, slope)

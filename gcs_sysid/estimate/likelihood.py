@@ -29,7 +29,8 @@ from jaxtyping import Bool, Float, Int
 from gcs_sysid.estimate import intensities
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise, State
+from gcs_sysid.model.aided import Means, Noise, State
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
 from gcs_sysid.reconstruct.causal import Moving, Path

@@ -62,11 +62,6 @@ ROW_COUNT = 15
 MOVING = BLOCKS["wind"].start
 """The states of the aircraft's motion are those before this one; they feel the others, which go
 their own way."""
-UNBELIEVED = 3.0
-"""White noise of acceleration and angular acceleration where the equations are not to be believed
-[m/s²/√Hz, rad/s²/√Hz]: what a maneuver reaches within a second."""
-ATTITUDE_FLOOR = 2e-4
-"""Of white noise of an attitude [rad]: less than a millisecond of its stamp in a lively turn."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -211,22 +206,6 @@ class Row(NamedTuple):
     measured: Measurements
 
 
-class Linearised(NamedTuple):
-    """A step and its measurements, linear in the deviation e from a nominal flight.
-
-    e(k) = transition · e(k−1) + offset + w,  w ~ N(0, process);  residual = sensitivity · e + v.
-    Absent rows of the residual are zero with unit `variance`.
-    """
-
-    transition: Float[Array, "*sample state state"]
-    offset: Float[Array, "*sample state"]
-    process: Float[Array, "*sample state state"]
-    sensitivity: Float[Array, "*sample row state"]
-    residual: Float[Array, "*sample row"]
-    variance: Float[Array, "*sample row"]
-    present: Bool[Array, "*sample row"]
-
-
 def compose(state: State, error: Float[Array, " state"]) -> State:
     """The state that differs from `state` by an error state."""
     part = {name: error[block] for name, block in BLOCKS.items()}
@@ -273,7 +252,7 @@ def _inputs(
     return values, motion, acting
 
 
-def _change(
+def changing(
     aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
 ) -> tuple[rigid_body.State, Float[Array, " axis"]]:
     """Rate of change of the motion, and the rate at which the aircraft turns.
@@ -310,13 +289,13 @@ def _slope(
     row: Row,
     when: Int[Array, ""] | int,
 ) -> State:
-    change, _ = _change(aircraft, means, state, row, when)
+    change, _ = changing(aircraft, means, state, row, when)
     return State(
         change.attitude,
         change.velocity,
         change.rate,
         air.drift(state.air, noise.turbulence, row.airspeed),
-        -state.attitude_error / _of_axes(noise.attitude_error_time),
+        -state.attitude_error / of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
         -state.velocity_error / noise.velocity_error_time,
     )
@@ -324,7 +303,7 @@ def _slope(
 
 def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " state"]:
     """Rate of change of the error state in the middle of a row's step, but for what decays."""
-    change, rate = _change(aircraft, means, state, row, 1)
+    change, rate = changing(aircraft, means, state, row, 1)
     return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - MOVING)])
 
 
@@ -343,7 +322,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     """Measured minus expected; rows of absent sensors are meaningless."""
     errors, by = means.sensors, means.departures
     centre = departures.centre(aircraft, by)
-    change, rate = _change(aircraft, means, state, row, 2)
+    change, rate = changing(aircraft, means, state, row, 2)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     force = frames.unrotate(state.attitude, change.velocity - gravity)
     unit = jnp.asarray(np.array(aircraft.imu.position)) - centre
@@ -391,210 +370,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     )
 
 
-def present_rows(row: Row) -> Bool[Array, " row"]:
-    """Which rows of the innovation were measured."""
-    flags = (row.inertial, row.inertial & row.modelled, *row.measured.valid)
-    parts = zip(flags, ROWS.values(), strict=True)
-    return jnp.concatenate([jnp.full(part.stop - part.start, flag) for flag, part in parts])
-
-
-def measurement_variance(noise: Noise) -> Float[Array, " row"]:
-    """White noise variance of each row of the innovation."""
-    level, down = noise.velocity
-    tilt, heading = noise.attitude
-    deviation = jnp.stack(
-        [noise.gyro] * 3
-        + [noise.accelerometer] * 3
-        + [noise.airspeed, level, level, down, tilt, tilt, heading]
-        + [noise.vanes] * 2
-    )
-    return (deviation**2).at[ROWS["attitude"]].add(ATTITUDE_FLOOR**2)
-
-
-def process(
-    half: Float[Array, "state state"],
-    row: Row,
-    driving: Float[Array, "state state"],
-) -> Float[Array, "state state"]:
-    """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds by Simpson's rule.
-
-    A gust that arrives early in the step has moved the aircraft by its end, one that arrives late
-    has not: taken as arriving together they would tell the filter what no sensor can know.
-
-    Args:
-        half: transition over half the step.
-        row: of the step.
-        driving: D at `passing` 1.
-    """
-    late = passing(row)[:, None] * driving
-    middle = half @ late @ half.T
-    early = half @ middle @ half.T
-    return row.step / 6.0 * (late + 4.0 * middle + early)
-
-
-def passing(row: Row) -> Float[Array, " state"]:
-    """How fast what changes by itself does so: gusts at the airspeed [m/s], all else at 1."""
-    blown = slice(BLOCKS["gust"].start, BLOCKS["memory"].stop)
-    return jnp.ones(SIZE).at[blown].set(row.airspeed)
-
-
-def driving(noise: Noise) -> Float[Array, "state state"]:
-    """Spectral density D of the white noise that drives the states, where `passing` is 1."""
-    shape = noise_shape(noise.turbulence)
-    return (shape * process_density(noise)[None, :]) @ shape.T
-
-
-def noise_shape(turbulence: Turbulence) -> Float[Array, "state state"]:
-    """How white noises of `process_density` push the states: gusts turn the air as they come."""
-    gust, spin = BLOCKS["gust"], BLOCKS["spin"]
-    turned = air.field_axes(turbulence)
-    shape = jnp.eye(SIZE).at[spin, gust].set(air.coupling_matrix(turbulence) @ turned)
-    return shape.at[gust, gust].set(turned).at[spin, spin].set(turned)
-
-
-def doubted(noise: Noise, modelled: Bool[Array, ""]) -> Noise:
-    """Intensities of a row's step, whose equations are to be believed or not."""
-    return noise._replace(
-        force=jnp.where(modelled, noise.force, UNBELIEVED),
-        moment=jnp.where(modelled, noise.moment, UNBELIEVED),
-    )
-
-
-def process_density(noise: Noise) -> Float[Array, " state"]:
-    """Of each state's white noise where `passing` is 1, before gusts turn the air as well."""
-    lasting = _of_axes(noise.attitude_error_time)
-    return jnp.concatenate(
-        [
-            jnp.zeros(3),
-            jnp.full(3, 1.0) * noise.force**2,
-            noise.moment**2,
-            air.density(noise.turbulence, 1.0),
-            _of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
-            noise.push[None] ** 2 * (2.0 / PUSH_TIME),
-            jnp.full(3, noise.velocity_error**2 * (2.0 / noise.velocity_error_time)),
-        ]
-    )
-
-
-def _of_axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:
+def of_axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:
     """Tilt and heading as turns about the level axes."""
     tilt, heading = pair
     return jnp.stack([tilt, tilt, heading])
-
-
-def jacobian(
-    aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
-) -> Float[Array, "state state"]:
-    """Rate of change of an error state with the error state, but for what decays by itself.
-
-    Wind and gust act through the velocity through the air only, so that their columns are those of
-    the velocity over ground.
-    """
-    parts = ("attitude", "velocity", "rate", "spin")
-
-    def moved(errors: Float[Array, " twelve"]) -> tuple[Array, Array]:
-        error = jnp.zeros(SIZE)
-        for name, part in zip(parts, jnp.split(errors, len(parts)), strict=True):
-            error = error.at[BLOCKS[name]].set(part)
-        change, rate = _change(aircraft, means, compose(state, error), row, when)
-        return jnp.concatenate([rate, change.velocity, change.rate]), rate
-
-    found, rate = jax.jacfwd(moved, has_aux=True)(jnp.zeros(3 * len(parts)))
-    columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
-    columns["wind"] = columns["gust"] = -columns["velocity"]
-    matrix = jnp.zeros((SIZE, SIZE))
-    for name, column in columns.items():
-        matrix = matrix.at[:MOVING, BLOCKS[name]].set(column)
-    turning = jax.vmap(lambda axis: frames.cross(rate, axis), out_axes=1)(jnp.eye(3))
-    matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
-    forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
-    return matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
-
-
-def half_transition(
-    mechanics: Float[Array, "state state"],
-    decay: Float[Array, "slow slow"],
-    row: Row,
-) -> Float[Array, "state state"]:
-    """Transition over half a step: the exponential's series to the order of the scheme.
-
-    Args:
-        mechanics: the Jacobian in the middle of the step.
-        decay: how what is not motion changes by itself, where `passing` is 1.
-        row: of the step.
-    """
-    unit = jnp.eye(SIZE)
-    slow = passing(row)[MOVING:, None] * decay
-    rates = 0.5 * row.step * mechanics.at[MOVING:, MOVING:].set(slow)
-    half = unit + rates / 4.0
-    for order in (3.0, 2.0, 1.0):
-        half = unit + rates @ half / order
-    return half
-
-
-def decay(noise: Noise) -> Float[Array, "slow slow"]:
-    """How the air and the slow errors change by themselves, where `passing` is 1."""
-
-    def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
-        *blown, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 15, 16))
-        moving = air.drift(Air(*blown), noise.turbulence, 1.0)
-        tilted = tilted / _of_axes(noise.attitude_error_time)
-        slow = (tilted, push / PUSH_TIME, tracked / noise.velocity_error_time)
-        return jnp.concatenate([*moving, *(-part for part in slow)])
-
-    return jax.jacfwd(change)(jnp.zeros(SIZE - MOVING))
-
-
-def _seen(
-    aircraft: Aircraft, means: Means, state: State, row: Row
-) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
-    """Sensitivity of the expected measurements to an error state, and the innovation."""
-    parts = ("attitude", "velocity", "rate", "spin", *ERRORS)
-    ends = np.cumsum([BLOCKS[name].stop - BLOCKS[name].start for name in parts]).tolist()
-
-    def left(errors: Float[Array, " error"]) -> tuple[Array, Array]:
-        error = jnp.zeros(SIZE)
-        for name, part in zip(parts, jnp.split(errors, ends[:-1]), strict=True):
-            error = error.at[BLOCKS[name]].set(part)
-        found = innovation(aircraft, means, compose(state, error), row)
-        return found, found
-
-    found, residual = jax.jacfwd(left, has_aux=True)(jnp.zeros(ends[-1]))
-    columns = dict(zip(parts, jnp.split(-found, ends[:-1], axis=1), strict=True))
-    # Of the velocity over ground, all but its own measurement comes from the air.
-    through = columns["velocity"].at[ROWS["velocity"]].add(-jnp.eye(3))
-    columns["wind"] = columns["gust"] = -through
-    matrix = jnp.zeros((ROW_COUNT, SIZE))
-    for name, column in columns.items():
-        matrix = matrix.at[:, BLOCKS[name]].set(column)
-    return matrix, residual
-
-
-def linearise(
-    aircraft: Aircraft, means: Means, noise: Noise, before: State, after: State, row: Row
-) -> Linearised:
-    """One row about a nominal flight.
-
-    Args:
-        aircraft: what is looked up; its aerodynamic terms are those of `means`.
-        means: derivatives and sensor errors.
-        noise: intensities.
-        before: nominal state at the step's beginning.
-        after: nominal state at its end.
-        row: the sample.
-    """
-    middle = compose(before, 0.5 * difference(after, before))
-    mechanics = jacobian(aircraft, means, middle, row, 1)
-    half = half_transition(mechanics, decay(noise), row)
-    moved = advance(aircraft, means, noise, before, row)
-    sensitivity, residual = _seen(aircraft, means, after, row)
-    present = present_rows(row)
-    return Linearised(
-        transition=half @ half,
-        offset=difference(moved, after),
-        process=process(half, row, driving(doubted(noise, row.modelled))),
-        sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
-        residual=jnp.where(present, residual, 0.0),
-        variance=jnp.where(present, measurement_variance(noise), 1.0),
-        present=present,
-    )

@@ -15,8 +15,9 @@ import jax
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from gcs_sysid.model import aided
-from gcs_sysid.model.aided import ROW_COUNT, SIZE, Linearised, Means, Noise, Row, State
+from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model.aided import ROW_COUNT, SIZE, Means, Noise, Row, State
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct.aided_smoother import Beginning, FlightModel
 
 
@@ -26,7 +27,7 @@ def _ahead(
 ) -> tuple[State, Linearised]:
     """State at the end of a row's step, and the row about the step."""
     after = aided.advance(model.aircraft, means, noise, state, row)
-    return after, aided.linearise(model.aircraft, means, noise, state, after, row)
+    return after, aided_linear.linearise(model.aircraft, means, noise, state, after, row)
 
 
 _folded = jax.jit(aided.compose)

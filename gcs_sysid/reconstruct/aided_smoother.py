@@ -20,8 +20,9 @@ from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
+from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model.aided import Means, Noise, Row, State
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import linear_filter
 from gcs_sysid.reconstruct.linear_filter import Belief
 
@@ -68,7 +69,9 @@ def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk)
     noise = positive(log_noise)
 
     def one(part: Chunk) -> Linearised:
-        return aided.linearise(model.aircraft, means, noise, part.before, part.after, part.row)
+        return aided_linear.linearise(
+            model.aircraft, means, noise, part.before, part.after, part.row
+        )
 
     return jax.vmap(one)(chunk)
 

@@ -28,8 +28,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided
-from gcs_sysid.model.aided import Linearised, Means, Noise, Row, State
+from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model.aided import Means, Noise, Row, State
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import aided_smoother, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk, FlightModel
 from gcs_sysid.reconstruct.linear_filter import Belief
@@ -252,7 +253,7 @@ def sensitivities(
     up for must cancel to its last digits.
     """
     flat, unravel = ravel_pytree(means)
-    decay = aided.decay(aided_smoother.positive(log_noise))
+    decay = aided_linear.decay(aided_smoother.positive(log_noise))
 
     def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
@@ -268,8 +269,8 @@ def sensitivities(
 
         moving = slice(0, aided.MOVING)  # nothing else is moved by a parameter
         added = jax.jacfwd(ahead)(flat[asked])[moving]
-        mechanics = aided.jacobian(model.aircraft, means, middle, part.row, 1)
-        half = aided.half_transition(mechanics, decay, part.row)
+        mechanics = aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
+        half = aided_linear.half_transition(mechanics, decay, part.row)
         weight = 4.0 * half[moving, moving] + transition[moving, moving]
         carried = (added + weight @ added) / 6.0
         rest = ((0, aided.SIZE - aided.MOVING), (0, 0))

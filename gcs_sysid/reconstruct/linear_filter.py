@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from gcs_sysid.frames import Array
-from gcs_sysid.model.aided import Linearised
+from gcs_sysid.model.aided_linear import Linearised
 
 JITTER = 1e-14
 """Added to predicted variances before they are inverted: attitude gains none in its own right."""

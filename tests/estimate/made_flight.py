@@ -12,7 +12,7 @@ import numpy as np
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Control, Geometry, Mass, Servo, Value
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.model import aided, rigid_body
+from gcs_sysid.model import aided, aided_linear, rigid_body
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -97,14 +97,14 @@ def made_flight() -> Flight:
     @jax.jit
     def ahead(now: State, row: Row, white: jax.Array) -> tuple[State, jax.Array]:
         moved = aided.advance(AIRCRAFT, means, noise, now, row)
-        mechanics = aided.jacobian(AIRCRAFT, means, now, row, 1)
-        half = aided.half_transition(mechanics, aided.decay(noise), row)
-        spread = aided.process(half, row, aided.driving(noise))
+        mechanics = aided_linear.jacobian(AIRCRAFT, means, now, row, 1)
+        half = aided_linear.half_transition(mechanics, aided_linear.decay(noise), row)
+        spread = aided_linear.process(half, row, aided_linear.driving(noise))
         root = jnp.linalg.cholesky(spread + 1e-20 * jnp.eye(aided.SIZE))
         moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
         return moved, aided.innovation(AIRCRAFT, means, moved, row)
 
-    white = np.sqrt(np.asarray(aided.measurement_variance(noise)))
+    white = np.sqrt(np.asarray(aided_linear.measurement_variance(noise)))
     states, seen = [], []
     for index in range(COUNT):
         row = jax.tree.map(lambda part, index=index: part[index], rows)

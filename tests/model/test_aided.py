@@ -23,7 +23,7 @@ from gcs_sysid.aircraft import (
     Value,
 )
 from gcs_sysid.atmosphere import GRAVITY
-from gcs_sysid.model import aided, rigid_body
+from gcs_sysid.model import aided, aided_linear, rigid_body
 from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -208,9 +208,9 @@ def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
 
 
 @jax.jit
-def stepped(known: Means, before: State, sample: Row) -> tuple[State, aided.Linearised]:
+def stepped(known: Means, before: State, sample: Row) -> tuple[State, aided_linear.Linearised]:
     after = aided.advance(FLYING, known, NOISE, before, sample)
-    return after, aided.linearise(FLYING, known, NOISE, before, after, sample)
+    return after, aided_linear.linearise(FLYING, known, NOISE, before, after, sample)
 
 
 def test_the_transition_is_that_of_the_scheme_to_third_order() -> None:
@@ -279,12 +279,12 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     shape[BLOCKS["spin"], BLOCKS["gust"]] = coupling @ turned
     passing = np.ones(size)
     passing[BLOCKS["gust"].start : BLOCKS["memory"].stop] = SPEED
-    density = shape @ np.diag(passing * np.asarray(aided.process_density(NOISE))) @ shape.T
+    density = shape @ np.diag(passing * np.asarray(aided_linear.process_density(NOISE))) @ shape.T
     block = np.block([[-rates, density], [np.zeros((size, size)), rates.T]])
     both = scipy.linalg.expm(block * length)
     transition = both[size:, size:].T
     half = scipy.linalg.expm(0.5 * length * rates)
-    found = aided.process(jnp.asarray(half), row(length), aided.driving(NOISE))
+    found = aided_linear.process(jnp.asarray(half), row(length), aided_linear.driving(NOISE))
     exact = transition @ both[:size, size:]
     noisy = np.diagonal(exact) > 0.0  # all but the gusts' memory
     scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))[np.ix_(noisy, noisy)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from gcs_sysid.model.aided import Linearised
+from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import linear_filter
 from gcs_sysid.reconstruct.linear_filter import Belief
 
