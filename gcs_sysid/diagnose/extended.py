@@ -231,7 +231,7 @@ _SIMPLE: Mapping[str, Callable[[Aircraft, float, float], Aircraft]] = {
     "mass": _mass,
     "cg": _cg,
     "airspeed": _airspeed_scale,
-    "airspeed_delay": _airspeed_lag,
+    "airspeed_lag": _airspeed_lag,
     "thrust": _thrust,
     "thrust_drop": _thrust_drop,
     "thrust_tilt": _thrust_tilt,

@@ -4,8 +4,9 @@ Where the kinematic model takes rate and specific force from the inertial unit a
 are *measurements* of a motion that aerodynamics, thrust and gusts bring about. That is what tells
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
-State: attitude q, velocity v of the centre of gravity over ground, body rate ω, the air of `air`,
-and the slow errors of the sources of attitude and velocity. The error state has 28 rows (`BLOCKS`),
+State: attitude q, velocity v of the centre of gravity over ground, body rate ω, what a pitot tube
+with a lag shows, the air of `air`, and the slow errors of the sources of attitude and velocity. The
+error state has 29 rows (`BLOCKS`),
 additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
 equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
@@ -37,16 +38,17 @@ BLOCKS: dict[str, slice] = {
     "attitude": slice(0, 3),
     "velocity": slice(3, 6),
     "rate": slice(6, 9),
-    "wind": slice(9, 12),
-    "gust": slice(12, 15),
-    "spin": slice(15, 18),
-    "memory": slice(18, 21),
-    "attitude_error": slice(21, 24),
-    "push": slice(24, 25),
-    "velocity_error": slice(25, 28),
+    "tube": slice(9, 10),
+    "wind": slice(10, 13),
+    "gust": slice(13, 16),
+    "spin": slice(16, 19),
+    "memory": slice(19, 22),
+    "attitude_error": slice(22, 25),
+    "push": slice(25, 26),
+    "velocity_error": slice(26, 29),
 }
 """Where each part of the error state lies."""
-SIZE = 28
+SIZE = 29
 ERRORS = ("attitude_error", "push", "velocity_error")
 """Parts of the state that are errors of what is measured or known."""
 ROWS: dict[str, slice] = {
@@ -62,6 +64,8 @@ ROW_COUNT = 15
 MOVING = BLOCKS["wind"].start
 """The states of the aircraft's motion are those before this one; they feel the others, which go
 their own way."""
+TUBE = 0.2
+"""Lag of a pitot tube [s] that `State.tube` has: with a metre of thin tubing."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -73,6 +77,7 @@ class State(NamedTuple):
         attitude: quaternion, body to NED.
         velocity: of the centre of gravity over ground, NED [m/s].
         rate: inertial, body axes, as it would be if moments did not lag [rad/s].
+        tube: airspeed that a pitot tube with a lag of `TUBE` would show [m/s].
         air: the moving air.
         attitude_error: by which the attitude source is turned, level axes [rad].
         push: acceleration along x that the thrust maps do not know [m/s²].
@@ -82,6 +87,7 @@ class State(NamedTuple):
     attitude: Float[Array, "*batch four"]
     velocity: Float[Array, "*batch axis"]
     rate: Float[Array, "*batch axis"]
+    tube: Float[Array, "*batch one"]
     air: Air
     attitude_error: Float[Array, "*batch axis"]
     push: Float[Array, "*batch one"]
@@ -213,6 +219,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
         frames.multiply(state.attitude, frames.exponential(part["attitude"])),
         state.velocity + part["velocity"],
         state.rate + part["rate"],
+        state.tube + part["tube"],
         Air(*(getattr(state.air, name) + part[name] for name in Air._fields)),
         *(getattr(state, name) + part[name] for name in ERRORS),
     )
@@ -221,7 +228,7 @@ def compose(state: State, error: Float[Array, " state"]) -> State:
 def difference(first: State, second: State) -> Float[Array, " state"]:
     """Error state by which `first` differs from `second`; inverse of `compose`."""
     turn = frames.logarithm(frames.multiply(frames.conjugate(second.attitude), first.attitude))
-    moved = (first.velocity - second.velocity, first.rate - second.rate)
+    moved = (getattr(first, name) - getattr(second, name) for name in ("velocity", "rate", "tube"))
     blown = (one - other for one, other in zip(first.air, second.air, strict=True))
     slow = (getattr(first, name) - getattr(second, name) for name in ERRORS)
     return jnp.concatenate([turn, *moved, *blown, *slow])
@@ -289,11 +296,12 @@ def _slope(
     row: Row,
     when: Int[Array, ""] | int,
 ) -> State:
-    change, _ = changing(aircraft, means, state, row, when)
+    change, rate = changing(aircraft, means, state, row, when)
     return State(
         change.attitude,
         change.velocity,
         change.rate,
+        filling(aircraft, means, state, row, rate),
         air.drift(state.air, noise.turbulence, row.airspeed),
         -state.attitude_error / of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
@@ -301,10 +309,40 @@ def _slope(
     )
 
 
+def through_air(
+    aircraft: Aircraft,
+    means: Means,
+    state: State,
+    row: Row,
+    rate: Float[Array, " axis"],
+    place: tuple[float, float, float],
+) -> tuple[Array, Array, Array]:
+    """True airspeed, angle of attack and sideslip at a place of the airframe.
+
+    Out on the wing a gust that turns is another one: the lever turns against the air.
+    """
+    wind, by = state.air.wind, means.departures
+    if by is not None:
+        wind = departures.sheared(wind, by, row.height)
+    through = frames.unrotate(state.attitude, state.velocity - wind - state.air.gust)
+    against = rate - frames.unrotate(state.attitude, state.air.spin)
+    lever = jnp.asarray(np.array(place)) - departures.centre(aircraft, by)
+    return frames.flow_angles(through + frames.cross(against, lever))
+
+
+def filling(
+    aircraft: Aircraft, means: Means, state: State, row: Row, rate: Float[Array, " axis"]
+) -> Float[Array, " one"]:
+    """Rate of change of what a tube with a lag shows, (V − tube)/TUBE [m/s²]."""
+    speed, _, _ = through_air(aircraft, means, state, row, rate, aircraft.pitot.position)
+    return (speed - state.tube) / TUBE
+
+
 def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " state"]:
     """Rate of change of the error state in the middle of a row's step, but for what decays."""
     change, rate = changing(aircraft, means, state, row, 1)
-    return jnp.concatenate([rate, change.velocity, change.rate, jnp.zeros(SIZE - MOVING)])
+    tube = filling(aircraft, means, state, row, rate)
+    return jnp.concatenate([rate, change.velocity, change.rate, tube, jnp.zeros(SIZE - MOVING)])
 
 
 def advance(aircraft: Aircraft, means: Means, noise: Noise, state: State, row: Row) -> State:
@@ -326,10 +364,9 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     force = frames.unrotate(state.attitude, change.velocity - gravity)
     unit = jnp.asarray(np.array(aircraft.imu.position)) - centre
-    wind, sensed, source = state.air.wind, rate, state.attitude_error
+    sensed, source = rate, state.attitude_error
     if by is not None:
         unit = unit + by.imu_position
-        wind = departures.sheared(wind, by, row.height)
         source = source.at[2].add(by.heading)
     turning = frames.cross(rate, frames.cross(rate, unit))
     felt = force + frames.cross(change.rate, unit) + turning
@@ -345,12 +382,13 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         )
 
     def flow(at: State, place: tuple[float, float, float]) -> tuple[Array, Array, Array]:
-        through = frames.unrotate(at.attitude, at.velocity - wind - at.air.gust)
-        against = rate - frames.unrotate(at.attitude, at.air.spin)
-        lever = jnp.asarray(np.array(place)) - centre
-        return frames.flow_angles(through + frames.cross(against, lever))
+        return through_air(aircraft, means, at, row, rate, place)
 
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
+    if by is not None:
+        late = row.measured.age[0] - errors.airspeed_delay
+        shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
+        speed = speed + by.tube * (shown - speed)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
     expected = frames.multiply(frames.exponential(source), turned)

@@ -25,6 +25,7 @@ from gcs_sysid.model.aided import (
     ROW_COUNT,
     ROWS,
     SIZE,
+    TUBE,
     Means,
     Noise,
     Row,
@@ -33,6 +34,7 @@ from gcs_sysid.model.aided import (
     changing,
     compose,
     difference,
+    filling,
     innovation,
     of_axes,
 )
@@ -138,6 +140,7 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
             jnp.zeros(3),
             jnp.full(3, 1.0) * noise.force**2,
             noise.moment**2,
+            jnp.zeros(1),
             air.density(noise.turbulence, 1.0),
             of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),
@@ -160,8 +163,10 @@ def jacobian(
         error = jnp.zeros(SIZE)
         for name, part in zip(parts, jnp.split(errors, len(parts)), strict=True):
             error = error.at[BLOCKS[name]].set(part)
-        change, rate = changing(aircraft, means, compose(state, error), row, when)
-        return jnp.concatenate([rate, change.velocity, change.rate]), rate
+        at = compose(state, error)
+        change, rate = changing(aircraft, means, at, row, when)
+        tube = filling(aircraft, means, at, row, rate)
+        return jnp.concatenate([rate, change.velocity, change.rate, tube]), rate
 
     found, rate = jax.jacfwd(moved, has_aux=True)(jnp.zeros(3 * len(parts)))
     columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
@@ -172,7 +177,8 @@ def jacobian(
     turning = jax.vmap(lambda axis: frames.cross(rate, axis), out_axes=1)(jnp.eye(3))
     matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
-    return matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
+    matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
+    return matrix.at[BLOCKS["tube"], BLOCKS["tube"]].set(-1.0 / TUBE)
 
 
 def half_transition(
@@ -213,7 +219,7 @@ def _seen(
     aircraft: Aircraft, means: Means, state: State, row: Row
 ) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
     """Sensitivity of the expected measurements to an error state, and the innovation."""
-    parts = ("attitude", "velocity", "rate", "spin", *ERRORS)
+    parts = ("attitude", "velocity", "rate", "tube", "spin", *ERRORS)
     ends = np.cumsum([BLOCKS[name].stop - BLOCKS[name].start for name in parts]).tolist()
 
     def left(errors: Float[Array, " error"]) -> tuple[Array, Array]:

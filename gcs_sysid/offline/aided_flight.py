@@ -58,6 +58,7 @@ START_DEVIATION = np.array(
     [0.03] * 3
     + [1.0] * 3
     + [0.1] * 3
+    + [1.0]
     + [2.0, 2.0, 0.5]
     + [1.0] * 3
     + [0.06] * 3
@@ -375,6 +376,7 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         attitude=attitude,
         velocity=at(states.block("velocity")) - swing,
         rate=rate,
+        tube=at(states.airspeed[:, None]),
         air=Air(
             at(states.block("wind")),
             at(states.block("gust")),

@@ -61,6 +61,8 @@ def diagnosed(
         missing = None
     if missing is not None:
         answer = replace(answer, answer="unlisted_effect", indistinguishable=())
+        # Derivatives that stood in for the term.
+        strained = {}
     elif strained and answer.answer == "no_effect":
         answer = replace(answer, answer="insufficient_data")
     named = best if answer.answer in ("effect", "ambiguous") else None

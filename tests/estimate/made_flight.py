@@ -88,6 +88,7 @@ def made_flight() -> Flight:
         frames.quaternion_from_euler(jnp.array([0.0, 0.08, 0.5])),
         jnp.array([15.0, 8.2, 0.0]),
         jnp.zeros(3),
+        jnp.array([17.1]),
         Air(*[jnp.zeros(3)] * 4),
         jnp.zeros(3),
         jnp.zeros(1),

@@ -23,7 +23,7 @@ from gcs_sysid.aircraft import (
     Value,
 )
 from gcs_sysid.atmosphere import GRAVITY
-from gcs_sysid.model import aided, aided_linear, rigid_body
+from gcs_sysid.model import aided, aided_linear, departures, rigid_body
 from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -76,6 +76,7 @@ def state() -> State:
         attitude=frames.quaternion_from_euler(jnp.array([0.2, 0.1, -2.0])),
         velocity=jnp.array([-9.0, -20.0, 1.0]),
         rate=jnp.array([0.3, -0.2, 0.1]),
+        tube=jnp.array([21.0]),
         air=Air(
             jnp.array([2.0, -1.0, 0.1]),
             jnp.array([0.5, 0.3, -0.8]),
@@ -194,6 +195,24 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
     left = aided.innovation(STONE, known, now, row(0.0)._replace(measured=seen))
     for name in ("airspeed", "velocity", "attitude"):
         np.testing.assert_allclose(left[ROWS[name]], 0.0, atol=1e-12)
+
+
+def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
+    """Steady but for the tube: it fills by (V − tube)/0.2 s, and shows what has come in."""
+    now = state()
+    known = means(STONE)
+    still = row(0.0)
+    _, rate = aided.changing(STONE, known, now, still, 2)
+    speed, _, _ = aided.through_air(STONE, known, now, still, rate, STONE.pitot.position)
+    filled = aided.filling(STONE, known, now, still, rate)
+    np.testing.assert_allclose(filled, [(speed - 21.0) / 0.2])
+    lagging = departures.none(STONE, 0)._replace(tube=jnp.asarray(1.0))
+    seen = still._replace(measured=still.measured._replace(airspeed=jnp.asarray([21.0])))
+    left = aided.innovation(STONE, known._replace(departures=lagging), now, seen)
+    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
+    half = known._replace(departures=lagging._replace(tube=jnp.asarray(0.5)))
+    left = aided.innovation(STONE, half, now, seen)
+    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
 
 
 def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:

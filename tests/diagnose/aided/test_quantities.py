@@ -111,7 +111,7 @@ FLOWN = (
     ({"name": "inertia", "Iyy_ratio": 1.2, "Izz_ratio": 0.9},
      {"inertia.1": 0.2, "inertia.2": -0.1}),
     ({"name": "airspeed_scale", "airspeed_scale": 0.06}, {"airspeed": 0.06}),
-    ({"name": "pitot_lag", "pitot_lag": 0.2}, {"airspeed_delay": 0.2}),
+    ({"name": "pitot_lag", "pitot_lag": 0.2}, {"airspeed_lag": 0.2}),
     ({"name": "accelerometer_bias", "bias_y": 0.4}, {"accelerometer_bias.1": 0.4}),
     ({"name": "gyro_scale", "scale_z": 0.03}, {"gyro_scale.2": 0.03}),
     ({"name": "imu_misalignment", "tilt_y": 0.05}, {"imu_tilt.1": 0.05}),
