@@ -26,13 +26,14 @@ from gcs_sysid.gp.fitting import Effort, Fitted  # noqa: E402
 from gcs_sysid.gp.learning import Structure  # noqa: E402
 from gcs_sysid.gp.refresh import Settings  # noqa: E402
 from gcs_sysid.offline import model_store  # noqa: E402
-from tests.benchmarks import table  # noqa: E402
+from tests.benchmarks import table, thesis_figure  # noqa: E402
 from tests.benchmarks import thesis_data as flights  # noqa: E402 - needs the path above
 
 jax.config.update("jax_enable_x64", True)
 
 BRUMBY = ROOT / "data" / "aircraft" / "brumby_mk3.toml"
 TESTED = ("4", "5", "6")
+DRAWN = "5"
 PUBLISHED = {
     "4": (19.195, 23.278, 18.365, 23.364, 22.265, 28.173),
     "5": (20.792, 24.733, 19.925, 28.432, 19.891, 23.714),
@@ -137,6 +138,10 @@ def brumby(out: Path, method: str | None) -> None:
     )
     _cells("thesis_truth", "of the model against truth", methods, order, tested, inputs, truth=True)
     _densities(methods, order, tested, inputs)
+    flight = tested[DRAWN]
+    begins = float(np.quantile(flight.table["t"], 0.4))
+    thesis_figure.draw(methods, flight, inputs, begins, out / "figure_5_11.svg")
+    print(f"Figure 5.11, flight {DRAWN}: {out / 'figure_5_11.svg'}")
     _disturbed(first, tested, inputs)
 
 

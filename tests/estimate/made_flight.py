@@ -109,7 +109,9 @@ def made_flight() -> Flight:
     states, seen = [], []
     for index in range(COUNT):
         row = jax.tree.map(lambda part, index=index: part[index], rows)
-        state, left = ahead(state, row, jnp.asarray(rng.standard_normal(aided.SIZE)))
+        # Nothing pushes what a tube shows.
+        pushed = np.insert(rng.standard_normal(aided.SIZE - 1), aided.BLOCKS["tube"].start, 0.0)
+        state, left = ahead(state, row, jnp.asarray(pushed))
         states.append(state)
         # What a perfect sensor would read is what leaves no innovation.
         seen.append(-np.asarray(left) + white * rng.standard_normal(aided.ROW_COUNT))
