@@ -61,6 +61,7 @@ def refined(
         force=old.data.accelerometer - np.asarray(sensors.accelerometer_bias),
         euler=frames.euler_from_quaternion(np.asarray(states.attitude)),
         wind=np.asarray(states.air.wind) + np.asarray(states.air.gust),
+        gust_rate=np.asarray(frames.unrotate(states.attitude, states.air.spin)),
     )
     return replace(
         one,

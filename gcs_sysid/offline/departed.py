@@ -15,7 +15,7 @@ from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.model import aerodynamics
 from gcs_sysid.offline import aided_states, settled
-from gcs_sysid.offline.flight import SERVO_STREAM
+from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.offline.investigation import Investigation
 
 STRETCH = 2.0
@@ -25,35 +25,47 @@ SURE, WORTH = 1.96, 1.0
 of its spread."""
 
 
-def table(found: Investigation, file: Aircraft, corrected: Aircraft) -> dict[str, np.ndarray]:
-    """Measured less predicted, sample by sample: by the file, and by the file put right.
+def flown(found: Investigation, file: Aircraft, corrected: Aircraft) -> list[dict[str, Flight]]:
+    """Every flight with the aided filter's states, by the file and by the file put right.
 
     Args:
         found: the flights, settled with what was found.
         file: the simulation.
         corrected: with what was found.
     """
-    parts = []
-    for number, (subject, done) in enumerate(zip(found.subjects, found.settled, strict=True)):
-        one = subject.one
+    pairs = []
+    for subject, done in zip(found.subjects, found.settled, strict=True):
         unknowns, states, covariance = settled.states(found.model, subject, done)
+        pair = {}
+        for label, aircraft in (("before", file), ("after", corrected)):
+            late = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+            own = replace(subject.one, aircraft=aircraft)
+            delay = Delay(late, 0.0, found=True)
+            pair[label] = aided_states.refined(own, unknowns, delay, states, covariance)
+        pairs.append(pair)
+    return pairs
+
+
+def table(flights: Sequence[Mapping[str, Flight]]) -> dict[str, np.ndarray]:
+    """Measured less predicted, sample by sample: by the file, and by the file put right.
+
+    Args:
+        flights: see `flown`.
+    """
+    parts = []
+    for number, pair in enumerate(flights):
+        one = pair["before"]
         part: dict[str, Any] = {
             "time_us": one.recording.time_us(one.samples.time),
             "t": one.samples.time,
             "flight": np.full(one.samples.time.size, number),
             "maneuver": one.pieces(),
         }
-        for label, aircraft in (("before", file), ("after", corrected)):
-            late = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
-            seen = aided_states.refined(
-                replace(one, aircraft=aircraft),
-                unknowns,
-                Delay(late, 0.0, found=True),
-                states,
-                covariance,
-            ).samples
+        for label, flight in pair.items():
+            seen = flight.samples
             for name in COEFFICIENTS:
-                part[f"{name}_{label}"] = seen.measured[name] - _predicted(aircraft, seen, name)
+                predicted = _predicted(flight.aircraft, seen, name)
+                part[f"{name}_{label}"] = seen.measured[name] - predicted
                 if label == "before":
                     part[f"{name}_measured"] = seen.measured[name]
         parts.append(part)
@@ -115,17 +127,35 @@ def channels(
     out = {}
     for name in COEFFICIENTS:
         spread = max(float(np.std(rows[f"{name}_measured"][judged])), 1e-12)
-        errors, without = {}, {}
-        for label in ("before", "after"):
-            squares = np.bincount(place.ravel(), weights=rows[f"{name}_{label}"][judged] ** 2)
-            errors[label] = 100.0 * float(np.sqrt(squares.sum() / count.sum())) / spread
-            rest = (squares.sum() - squares) / np.maximum(count.sum() - count, 1)
-            without[label] = 100.0 * np.sqrt(np.maximum(rest, 0.0)) / spread
-        apart = without["before"] - without["after"]
-        variance = (count.size - 1) / count.size * np.sum((apart - apart.mean()) ** 2)
-        gained = errors["before"] - errors["after"]
-        out[name] = {**errors, "gained": gained, "gained_sd": float(np.sqrt(variance))}
+        squares = {
+            label: np.bincount(place.ravel(), weights=rows[f"{name}_{label}"][judged] ** 2)
+            for label in ("before", "after")
+        }
+        out[name] = left_out(squares, count, 100.0 / spread)
     return out
+
+
+def left_out(
+    squares: Mapping[str, Float[np.ndarray, " part"]],
+    count: Float[np.ndarray, " part"],
+    unit: float,
+) -> dict[str, float]:
+    """Root mean square before and after, and what is gained with one sigma by the jackknife.
+
+    Args:
+        squares: sums of squared errors, part by part.
+        count: errors in each part.
+        unit: factor on the results.
+    """
+    errors, without = {}, {}
+    for label, each in squares.items():
+        errors[label] = unit * float(np.sqrt(each.sum() / count.sum()))
+        rest = (each.sum() - each) / np.maximum(count.sum() - count, 1)
+        without[label] = unit * np.sqrt(np.maximum(rest, 0.0))
+    apart = without["before"] - without["after"]
+    variance = (count.size - 1) / count.size * np.sum((apart - apart.mean()) ** 2)
+    gained = errors["before"] - errors["after"]
+    return {**errors, "gained": gained, "gained_sd": float(np.sqrt(variance))}
 
 
 def paid(gains: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -18,7 +18,7 @@ from gcs_sysid.diagnose.aided import ranking, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.surface_delay import Delay
-from gcs_sysid.offline import departed, investigation, summary
+from gcs_sysid.offline import departed, flown_freely, investigation, summary
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.investigation import Investigation
@@ -74,7 +74,8 @@ def diagnosed(
     better = extended.corrected(file, corrections, directions, _limits(named))
     progress("comparing before and after", 0.95)
     corrected = extended.corrected(aircraft, corrections, directions, _limits(named))
-    table = departed.table(found, aircraft, corrected)
+    flown = departed.flown(found, aircraft, corrected)
+    table = departed.table(flown)
     gains = departed.gain(
         *(table, held_out),
         before=-found.as_it_is(() if named is None else named.causes),
@@ -88,7 +89,7 @@ def diagnosed(
         "ranking": entries.ranking(found.ranked, found.missing, found.unlisted),
         "discrepancy": departed.discrepancy(table),
         "alternatives": entries.alternatives(found.ranked),
-        "gain": gains,
+        "gain": {**gains, "free_run": flown_freely.gain(flown, held_out)},
         "detectable": entries.detectable(found.candidates, deviations, sizes),
         "strained": strained,
         "file_accuracy": best.accuracy,

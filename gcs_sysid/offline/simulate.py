@@ -23,11 +23,10 @@ from gcs_sysid.offline import (
 from gcs_sysid.offline import tolerances as allowed
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.tolerances import Tolerances
-from gcs_sysid.offline.windows import CHANNELS, Simulated, Windows
+from gcs_sysid.offline.windows import CHANNELS, UNITS, Simulated, Windows
 
 EVERY = 2
 """One of so many steps of the integration is kept in the table."""
-UNITS = {"V": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
 
 
 def run(

@@ -34,6 +34,8 @@ SHARE = 1e-3
 """Part of a sigma that a value is moved by to see what it does."""
 _NONE = (np.zeros(0), np.zeros(0), np.zeros(0))
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi")
+UNITS = {"V": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
+"""Of channels that are not in rad."""
 
 
 class Windows(NamedTuple):
@@ -108,6 +110,7 @@ def _cut(flight: Flight, aircraft: Aircraft, spans: Sequence[tuple[float, float,
 
     speed, alpha, beta = at(states.airspeed), at(states.alpha), at(states.beta)
     rate, wind = at(states.rate), at(states.wind)
+    turning = np.zeros_like(wind) if states.gust_rate is None else at(states.gust_rate)
     euler = at(np.unwrap(states.euler, axis=0))
     through = speed[..., None] * np.stack(
         [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)], axis=-1
@@ -127,7 +130,7 @@ def _cut(flight: Flight, aircraft: Aircraft, spans: Sequence[tuple[float, float,
             )
         ),
         flow_sigma=at(deviation)[:, 0],
-        inputs=_inputs(flight, aircraft, time, wind, at(states.density), speed),
+        inputs=_inputs(flight, aircraft, time, wind, turning, at(states.density)),
         measured=np.where(beyond[..., None], np.nan, measured),
     )
 
@@ -137,8 +140,8 @@ def _inputs(
     aircraft: Aircraft,
     time: Float[np.ndarray, "window sample"],
     wind: Float[np.ndarray, "window sample axis"],
+    turning: Float[np.ndarray, "window sample axis"],
     density: Float[np.ndarray, "window sample"],
-    speed: Float[np.ndarray, "window sample"],
 ) -> Inputs:
     """Deflections and engine settings exactly between the recorded commands."""
     stream = flight.recording.streams[flights.SERVO_STREAM]
@@ -158,7 +161,7 @@ def _inputs(
         if settings
         else jnp.zeros((*time.shape, 0)),
         wind=jnp.asarray(wind),
-        gust_rate=jnp.zeros_like(jnp.asarray(wind)),
+        gust_rate=jnp.asarray(turning),
         density=jnp.asarray(density),
     )
 

@@ -114,12 +114,14 @@ class Reconstruction(States):
         smoothed: the smoother's answer.
         euler: roll, pitch, yaw [rad].
         wind: steady wind plus gust, blowing toward NED [m/s].
+        gust_rate: rotation of the air, body axes [rad/s]; None where it is not known.
     """
 
     data: FlightData
     smoothed: Smoothed
     euler: Float[np.ndarray, "sample axis"]
     wind: Float[np.ndarray, "sample axis"]
+    gust_rate: Float[np.ndarray, "sample axis"] | None = None
 
     def block(self, name: str) -> Float[np.ndarray, "sample size"]:
         """Smoothed values of one block of the state."""

@@ -10,7 +10,7 @@ from gcs_sysid.figures import diagnosis
 from gcs_sysid.figures.data import Span
 from gcs_sysid.report import sheet
 from gcs_sysid.report.findings import Finding
-from gcs_sysid.report.numbers import number, plus_minus
+from gcs_sysid.report.numbers import for_people, number, plus_minus
 from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
@@ -62,8 +62,9 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     "measured spread, and the negative log predictive density, lower is better. "
                     "Below, coefficient by coefficient: rms of measured less predicted in percent "
                     "of the measured spread, on what took no part, with what putting right gains "
-                    "there, ± 95 %, and on all that was flown.",
-                    tables=(_gain(summary), _coefficients(summary)),
+                    "there, ± 95 %, and on all that was flown."
+                    f"{_flown_words(summary)}",
+                    tables=(_gain(summary), _coefficients(summary), *_flown(summary)),
                 ),
                 Section(
                     "could",
@@ -257,6 +258,34 @@ def _coefficients(summary: Mapping) -> Table:
         ("", "held out, before", "after", "gained", "all, before", "after"),
         tuple(rows),
     )
+
+
+def _flown_words(summary: Mapping) -> str:
+    free = summary["gain"].get("free_run")
+    if not free or not free["channels"]:
+        return ""
+    lost = free["lost"]
+    words = (
+        f" Last, {free['windows']} windows of {free['length_s']:.0f} s of what took no part, flown "
+        "freely by both, through the wind and the gusts that the filter found: rms of simulated "
+        "less measured."
+    )
+    if any(lost.values()):
+        words += f" Not flown to the end: {lost['before']} before, {lost['after']} after."
+    return words
+
+
+def _flown(summary: Mapping) -> tuple[Table, ...]:
+    free = summary["gain"].get("free_run")
+    if not free or not free["channels"]:
+        return ()
+    rows = []
+    for name, item in free["channels"].items():
+        both = [for_people(item[key], 0.0, item["unit"])[0] for key in ("before", "after")]
+        half = _SIGMAS * item["gained_sd"]
+        gained, half, unit = for_people(item["gained"], half, item["unit"])
+        rows.append((f"{name}, {unit}", *map(number, both), plus_minus(gained, half)))
+    return (Table(("flown freely", "before", "after", "gained"), tuple(rows)),)
 
 
 def _detectable(summary: Mapping) -> Table:

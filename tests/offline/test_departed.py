@@ -1,0 +1,34 @@
+"""What putting right gains, by leaving out one part after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_sysid.offline import departed
+
+
+def test_the_gain_is_known_to_what_leaving_out_a_part_changes() -> None:
+    """Written out part by part: rms of what is left, and its scatter (Efron & Stein, 1981)."""
+    rng = np.random.default_rng(3)
+    parts = {label: [rng.normal(0.0, size, 40) for _ in range(9)]
+             for label, size in (("before", 2.0), ("after", 1.5))}  # fmt: skip
+    squares = {label: np.array([np.sum(one**2) for one in each]) for label, each in parts.items()}
+    found = departed.left_out(squares, np.full(9, 40.0), 10.0)
+
+    def rms(label: str, without: int | None) -> float:
+        kept = [one for index, one in enumerate(parts[label]) if index != without]
+        return 10.0 * float(np.sqrt(np.mean(np.concatenate(kept) ** 2)))
+
+    gains = np.array([rms("before", one) - rms("after", one) for one in range(9)])
+    assert found["before"] == pytest.approx(rms("before", None))
+    assert found["after"] == pytest.approx(rms("after", None))
+    assert found["gained"] == pytest.approx(rms("before", None) - rms("after", None))
+    assert found["gained_sd"] == pytest.approx(np.sqrt(8 / 9 * np.sum((gains - gains.mean()) ** 2)))
+
+
+def test_what_changes_nothing_gains_nothing() -> None:
+    squares = dict.fromkeys(("before", "after"), np.array([3.0, 5.0, 1.0]))
+    found = departed.left_out(squares, np.full(3, 10.0), 1.0)
+    assert found["gained"] == 0.0
+    assert found["gained_sd"] == 0.0
