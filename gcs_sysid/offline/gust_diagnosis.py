@@ -125,12 +125,8 @@ def _parts(flights: Sequence[Flight], *, apart: bool) -> tuple[tuple[bool, ...],
 
 def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
     """Quantities that the causes free: value and one standard deviation."""
-    values = {}
-    for candidate in best.causes:
-        for name in candidate.frees:
-            posterior = best.posterior
-            values[name] = found.unknowns.along(name, posterior.mean, posterior.covariance)
-    return values
+    names = [name for candidate in best.causes for name in candidate.frees]
+    return found.unknowns.along(names, best.posterior.mean, best.posterior.covariance)
 
 
 def _limits(best: Ranked | None) -> dict[str, float]:

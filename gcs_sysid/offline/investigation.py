@@ -331,7 +331,7 @@ class _Question:
         information, apart = self.told(done)
         accurate = self.listed.as_accurate(missing.accuracy)
         under = posterior(information, *accurate.freed((_MISSING,)))
-        value, deviation = accurate.along(MISSING, under.mean, under.covariance)
+        value, deviation = accurate.along((MISSING,), under.mean, under.covariance)[MISSING]
         gained = gain.gained(information, apart, accurate, (_MISSING,))
         return replace(missing, value=value, deviation=deviation), gained
 

@@ -8,7 +8,7 @@ sigmas the derivatives are off is one more unknown, over which every set is aver
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,13 +140,15 @@ def rank(
             continue
         own = files.unknowns[favoured[index]]
         found = posterior(data, *own.freed([one.candidate for one in causes]))
+        names = [name for one in causes for name in one.candidate.frees]
+        moved = own.along(names, found.mean, found.covariance)
         ranked.append(
             Ranked(
                 causes=tuple(one.candidate for one in causes),
                 prior=prior,
                 probability=float(probability[index]),
                 log_bayes_factor=float(averaged[index] - averaged[0]),
-                estimates=tuple(_estimates(one, found, own) for one in causes),
+                estimates=tuple(_estimates(one, moved) for one in causes),
                 posterior=found,
                 accuracy=files.accuracies[favoured[index]],
             )
@@ -177,7 +179,7 @@ def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     return found
 
 
-def _estimates(one: _Tried, found: Posterior, unknowns: Unknowns) -> tuple[Estimate, ...]:
+def _estimates(one: _Tried, moved: Mapping[str, tuple[float, float]]) -> tuple[Estimate, ...]:
     estimates = []
     cause = one.candidate.cause
     if one.place is not None:
@@ -185,8 +187,8 @@ def _estimates(one: _Tried, found: Posterior, unknowns: Unknowns) -> tuple[Estim
     for name, parameter in zip(one.candidate.frees, cause.parameters, strict=True):
         if parameter.expected:
             continue
-        moved, deviation = unknowns.along(name, found.mean, found.covariance)
-        value = parameter.nominal + moved
+        change, deviation = moved[name]
+        value = parameter.nominal + change
         estimates.append(
             Estimate(parameter.name, value, deviation, parameter.unit, parameter.nominal)
         )
@@ -200,7 +202,6 @@ def deviations(
     found = []
     for candidate in candidates:
         under = posterior(data, *unknowns.freed((candidate,)))
-        found.append(
-            tuple(unknowns.along(name, under.mean, under.covariance)[1] for name in candidate.frees)
-        )
+        moved = unknowns.along(candidate.frees, under.mean, under.covariance)
+        found.append(tuple(moved[name][1] for name in candidate.frees))
     return tuple(found)

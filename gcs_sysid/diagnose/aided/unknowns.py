@@ -21,6 +21,8 @@ from gcs_sysid.diagnose.extended import Direction
 
 TOLERATED = 0.05
 """Of the size of a cause that matters: one ordinary standard deviation of what it sets free."""
+ALIKE = 1e-8
+"""Directions that differ by less, of their size, are one."""
 OWN = ("sensors.gyro_bias", "sensors.accelerometer_bias")
 """What belongs to one flight."""
 
@@ -101,28 +103,38 @@ class Unknowns:
         return self.alone((), self.sigma)
 
     def along(
-        self, name: str, mean: Float[np.ndarray, " unknown"], covariance: np.ndarray
-    ) -> tuple[float, float]:
-        """How far the model's parameters moved along a quantity, ordinary errors included.
+        self, names: Sequence[str], mean: Float[np.ndarray, " unknown"], covariance: np.ndarray
+    ) -> dict[str, tuple[float, float]]:
+        """How far the model's parameters moved along quantities, ordinary errors included.
 
         Not those that every flight has of its own, such as the bias of its accelerometer: a cause
-        is what there is beyond them.
+        is what there is beyond them. Where quantities move the same parameters, such as a control's
+        effect and what it loses with dynamic pressure, each is what explains the move together with
+        the others.
 
         Args:
-            name: of the quantity.
+            names: of the quantities that are free together.
             mean: of all unknowns.
             covariance: of them.
 
         Returns:
-            Value and standard deviation in the quantity's unit.
+            By name, value and standard deviation in the quantity's unit.
         """
-        index = self.names.index(name)
-        column = self.directions[:, index - self.parameters]
-        if all("#" in self.names[place] for place in np.flatnonzero(column)):
-            return float(mean[index]), float(np.sqrt(covariance[index, index]))
-        view = column / (column @ column)
-        view = np.concatenate([view, view @ self.directions])
-        return float(view @ mean), float(np.sqrt(view @ covariance @ view))
+        places = {name: self.names.index(name) for name in names}
+        found, shared = {}, []
+        for name, index in places.items():
+            column = self.directions[:, index - self.parameters]
+            if all("#" in self.names[place] for place in np.flatnonzero(column)):
+                found[name] = (float(mean[index]), float(np.sqrt(covariance[index, index])))
+            else:
+                shared.append(name)
+        if shared:
+            columns = self.directions[:, [places[name] - self.parameters for name in shared]]
+            views = np.linalg.pinv(columns, rcond=ALIKE)
+            views = np.concatenate([views, views @ self.directions], axis=1)
+            for name, view in zip(shared, views, strict=True):
+                found[name] = (float(view @ mean), float(np.sqrt(view @ covariance @ view)))
+        return found
 
     def in_flight(
         self, number: int, values: Float[np.ndarray, " unknown"]

@@ -62,9 +62,26 @@ def test_a_quantity_moves_the_parameters_of_every_flight() -> None:
     values[two.names.index("cg.x")] = -0.5
     for number in range(2):
         np.testing.assert_allclose(two.in_flight(number, values), [0.0, 0.0, -0.1, 0.0])
-    moved, deviation = two.along("cg.x", values, np.eye(values.size))
+    moved, deviation = two.along(("cg.x",), values, np.eye(values.size))["cg.x"]
     assert moved == pytest.approx(-0.5)
     assert deviation == pytest.approx(np.hypot(1.0, 1.0 / 0.2))
+
+
+def test_quantities_that_move_the_same_are_told_apart() -> None:
+    """A control's effect, and what it loses with pressure, which moves the effect as well."""
+    effect, loss = {"cg": 0.2}, {"cg": -0.3, "mass": 0.004}
+    names = ("mass", "cg")
+    two = unknowns.of_flights(
+        *(names, np.ones(2), {"effect": effect, "loss": loss}, {"effect": 0.0, "loss": 0.0}),
+        *({"": 1.0}, 1, np.zeros(2)),
+    )
+    values = np.zeros(len(two.names))
+    values[two.names.index("effect")], values[two.names.index("loss")] = -0.1, -0.35
+    found = two.along(("effect", "loss"), values, np.eye(values.size))
+    assert found["effect"][0] == pytest.approx(-0.1)
+    assert found["loss"][0] == pytest.approx(-0.35)
+    together = two.along(("effect",), values, np.eye(values.size))
+    assert together["effect"][0] == pytest.approx(-0.1 + 0.35 * 0.3 / 0.2)
 
 
 def test_what_causes_free_is_ordinarily_off_by_a_twentieth_of_what_matters() -> None:
