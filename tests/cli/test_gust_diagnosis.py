@@ -36,6 +36,10 @@ def test_who_did_it_is_named_with_its_size_and_put_right(shared: Path, tmp_path:
     assert abs(estimate["value"] - size) < 3.0 * estimate["sd"]
     assert estimate["sd"] < 0.01
     assert found["gain"]["holdout_nlpd_after"] < found["gain"]["holdout_nlpd_before"]
+    free = found["gain"]["free_run"]
+    assert free["windows"] > 10
+    # The aircraft flies as before: only what is shown of it was wrong.
+    assert all(each["gained"] == pytest.approx(0.0) for each in free["channels"].values())
     extended = aircraft_file.load(tmp_path / "aircraft-extended.toml")
     assert extended.pitot.error.scale[0] == pytest.approx(estimate["value"])
     assert (tmp_path / "report.html").stat().st_size > 1e5
