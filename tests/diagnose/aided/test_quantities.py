@@ -23,7 +23,7 @@ from gcs_sysid.diagnose.aided import beliefs, quantities
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.model import aerodynamics, departures
+from gcs_sysid.model import actuators, aerodynamics, departures, servo_changes
 from gcs_sysid.model.aided import Means, Sensors
 from gcs_sysid.sitl import plan, scenario
 from gcs_sysid.sitl.effects import catalogue
@@ -292,11 +292,41 @@ def test_the_ground_lifts_by_its_influence(aircraft) -> None:
 def test_lags_are_taken_where_they_are_and_more_is_looked_for_where_more_was_found() -> None:
     assert quantities.servo_sizes({"mass": 1.0}, {}) is None
     assert quantities.servo_sizes({"lag.elevator": 0.101}, {}) is None
-    first = quantities.servo_sizes({"lag.elevator": 0.11}, {})
-    assert first == pytest.approx({"lag.elevator": 0.1 * 1.1**4})
-    assert quantities.servo_sizes({"lag.elevator": 0.147}, first or {}) is None
-    twice = quantities.servo_sizes({"backlash.rudder": 0.1}, first or {})
-    assert twice == pytest.approx({**(first or {}), "backlash.rudder": 0.05})
+    first = quantities.servo_sizes({"lag.elevator": 0.11}, {}) or {}
+    assert first["lag.elevator"] > 0.11
+    assert quantities.servo_sizes(first, first) is None
+    twice = quantities.servo_sizes({"backlash.rudder": 0.1}, first)
+    assert twice == pytest.approx({**first, "backlash.rudder": 0.05})
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "true"),
+    [
+        (servo_changes.lag, "lag.elevator", 0.2),
+        (servo_changes.lag, "lag.elevator", 0.06),
+        (servo_changes.backlash, "backlash.elevator", 0.035),
+        (servo_changes.backlash, "backlash.elevator", 0.012),
+    ],
+)
+def test_a_few_rounds_find_a_servo_as_it_is(change, name: str, true: float) -> None:
+    """Least squares on what the elevator did, with the change taken where the last round ended."""
+    aircraft = aircraft_file.load(DATA / "aerosonde.toml")
+    time = 0.02 * np.arange(3000)
+    swing = sum(np.sin(2.0 * np.pi * rate * time + 3.0 * rate**2) for rate in (0.2, 0.7, 1.3, 2.1))
+    pulses = {servo.channel: 1500.0 + 45.0 * swing for servo in aircraft.servos}
+
+    def moved(made: Aircraft) -> np.ndarray:
+        return np.asarray(actuators.controls(made, pulses, time)["elevator"])
+
+    still = moved(aircraft)
+    did = moved(servo_changes.changed(aircraft, "elevator", change(true))) - still
+    reached: dict[str, float] = {}
+    for _ in range(3):
+        size = reached.get(name, quantities.SERVO[name.partition(".")[0]])
+        along = moved(servo_changes.changed(aircraft, "elevator", change(size))) - still
+        found = {name: size * (along @ did) / (along @ along)}
+        reached = quantities.servo_sizes(found, reached) or {name: size}
+    assert reached[name] == pytest.approx(true, rel=0.05)
 
 
 def test_a_lag_reckoned_with_is_the_change_of_an_aircraft_with_that_lag() -> None:
