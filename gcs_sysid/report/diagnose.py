@@ -120,11 +120,31 @@ def _gained(gain: Mapping) -> str:
     """What took no part, before and after: its error, or where a sensor was wrong its density."""
     before, after = gain["holdout_error_before"], gain["holdout_error_after"]
     if before != after:
-        return f"error on what took no part {number(before)} % before, {number(after)} % after."
+        words = f"error on what took no part {number(before)} % before, {number(after)} % after"
+        return f"{words}{_gained_in_flight(gain)}."
     nats = gain["holdout_nlpd_before"] - gain["holdout_nlpd_after"]
     return (
         f"what took no part is foretold better by {number(nats)} nat a measurement; its "
         "coefficients are as they were, since it is not the aircraft that was wrong."
+    )
+
+
+def _gained_in_flight(gain: Mapping) -> str:
+    """The channel that free flight is put right in most, if surely any is."""
+    channels = (gain.get("free_run") or {}).get("channels") or {}
+    sure = {
+        name: item
+        for name, item in channels.items()
+        if item["gained"] > _SIGMAS * item["gained_sd"] > 0.0
+    }
+    if not sure:
+        return ""
+    name, item = max(sure.items(), key=lambda pair: pair[1]["before"] / pair[1]["after"])
+    before, after = (for_people(item[key], 0.0, item["unit"]) for key in ("before", "after"))
+    length = gain["free_run"]["length_s"]
+    return (
+        f"; flown freely for {length:.0f} s it is off by {number(after[0])} {after[2]} in {name}, "
+        f"by {number(before[0])} before"
     )
 
 

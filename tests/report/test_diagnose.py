@@ -1,0 +1,50 @@
+"""What the first lines of a diagnosis report say of the gain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gcs_sysid.report import diagnose
+
+
+def summary(channels: dict[str, Any]) -> dict[str, Any]:
+    width = {"width": {"value": 0.034, "sd": 0.001, "unit": "rad"}}
+    best = {"causes": ["actuator_backlash"], "probability": 0.94, "log_bayes_factor": 50.0,
+            "parameters": width}  # fmt: skip
+    return {
+        "verdict": "effect",
+        "cause": "actuator_backlash",
+        "probability": 0.94,
+        "explanation": ["the elevator has play"],
+        "ranking": [best, {**best, "probability": 0.02}],
+        "separating_maneuver": None,
+        "indistinguishable": ["actuator_backlash"],
+        "warnings": [],
+        "gain": {
+            "holdout_error_before": 22.8,
+            "holdout_error_after": 19.4,
+            "holdout_nlpd_before": 0.0,
+            "holdout_nlpd_after": -0.1,
+            "free_run": {"windows": 20, "length_s": 3.0, "channels": channels},
+        },
+    }
+
+
+def gain(channels: dict[str, Any]) -> str:
+    found = diagnose.findings(summary(channels))
+    return next(item.text for item in found if item.topic == "Gain")
+
+
+def channel(before: float, after: float, sd: float) -> dict[str, Any]:
+    return {"before": before, "after": after, "gained": before - after, "gained_sd": sd,
+            "unit": "rad/s"}  # fmt: skip
+
+
+def test_the_channel_that_gains_most_in_free_flight_is_told() -> None:
+    text = gain({"q": channel(0.04, 0.006, 0.001), "p": channel(0.009, 0.005, 0.001)})
+    assert "flown freely for 3 s it is off by 0.344 deg/s in q, by 2.29 before" in text
+
+
+def test_a_gain_in_free_flight_that_is_not_sure_is_not_told() -> None:
+    assert "freely" not in gain({"q": channel(0.04, 0.006, 0.02), "p": channel(0.005, 0.009, 0.0)})
+    assert "freely" not in gain({})
