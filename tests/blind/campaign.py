@@ -2,6 +2,7 @@
 
     python -m tests.blind.campaign --count 200 --start 0 [--cause none] [--file exact] [--size half]
     python -m tests.blind.campaign --dozen
+    python -m tests.blind.campaign --every
 
 Draws are numbered; the same number is the same flight on any machine, so that a campaign may be cut
 in parts and done in any order. Tables are of all draws asked for. What another version of the
@@ -46,12 +47,19 @@ DOZEN = (
 )
 """The flights of `make blind`."""
 
+EVERY = tuple(
+    Fixed(cause, AIRCRAFT[index % len(AIRCRAFT)], "exact", "larger")
+    for index, cause in enumerate(CAUSES)
+)
+"""Every cause once, at a size that nobody should miss."""
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Fly, diagnose and print."""
     asked = _parser().parse_args(arguments)
-    if asked.dozen:
-        draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(DOZEN)]
+    if asked.dozen or asked.every:
+        flights = DOZEN if asked.dozen else EVERY
+        draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(flights)]
         tables.one_by_one(list(run(draws, asked.out, again=asked.again, keep=asked.keep)))
         return
     fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size)
@@ -152,6 +160,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--file", choices=FILES)
     parser.add_argument("--size", choices=SIZES)
     parser.add_argument("--dozen", action="store_true", help="the fixed flights of `make blind`")
+    parser.add_argument("--every", action="store_true", help="every cause once, one line each")
     parser.add_argument(
         "--bound", action="store_true", help="also what the file that knows everything reaches"
     )

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from tests.blind import campaign, fly, tables
-from tests.blind.draw import Draw, Fixed, draw
+from tests.blind.draw import AIRCRAFT, Draw, Fixed, draw
 from tests.blind.fly import Recorded
 from tests.blind.score import score
+from tests.blind.sizes import CAUSES
 from tests.blind.tables import Result
 
 
@@ -93,6 +94,11 @@ def test_a_file_of_another_draw_is_not_taken_for_this_one(tmp_path, flights):
     path.rename(tmp_path / f"{campaign.name(other)}.json")
     list(campaign.run([other], tmp_path))
     assert flights.flown == [0, 0]
+
+
+def test_every_cause_is_flown_once_and_no_aircraft_is_left_out():
+    assert [each.cause for each in campaign.EVERY] == list(CAUSES)
+    assert {each.aircraft for each in campaign.EVERY} == set(AIRCRAFT)
 
 
 def test_the_dozen_are_a_dozen_of_all_kinds():
