@@ -269,6 +269,7 @@ def _flight_data(rows: list[Row], used: dict[str, str]) -> FlightData:
         measured=spread,
         density=np.array([row.density for row in rows]),
         height=np.array([row.height for row in rows]),
+        above_home=False,
         used={
             name: stream for name, stream in used.items() if name in seen or name not in MEASURED
         },

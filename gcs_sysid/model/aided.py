@@ -187,6 +187,7 @@ class Row(NamedTuple):
         setting_changes: of `settings` with each of `Departures.actuators`.
         density: of the air [kg/m³].
         height: above the ground [m].
+        climbed: above where the flight begins [m].
         airspeed: at which gusts are passed, true [m/s].
         gyro: angular rate [rad/s].
         accelerometer: specific force [m/s²].
@@ -204,6 +205,7 @@ class Row(NamedTuple):
     setting_changes: Float[Array, "*sample three engine change"]
     density: Float[Array, "*sample"]
     height: Float[Array, "*sample"]
+    climbed: Float[Array, "*sample"]
     airspeed: Float[Array, "*sample"]
     gyro: Float[Array, "*sample axis"]
     accelerometer: Float[Array, "*sample axis"]
@@ -246,7 +248,7 @@ def _inputs(
         values = departures.body(values, by)
         deflections = deflections + by.offset + row.control_changes[when] @ by.actuators
         settings = settings + row.setting_changes[when] @ by.actuators
-        wind = departures.sheared(wind, by, row.height)
+        wind = departures.sheared(wind, by, row.climbed)
     position = jnp.stack([jnp.zeros_like(row.height), jnp.zeros_like(row.height), -row.height])
     motion = rigid_body.State(position, state.velocity, state.attitude, state.rate)
     acting = rigid_body.Inputs(
@@ -323,7 +325,7 @@ def through_air(
     """
     wind, by = state.air.wind, means.departures
     if by is not None:
-        wind = departures.sheared(wind, by, row.height)
+        wind = departures.sheared(wind, by, row.climbed)
     through = frames.unrotate(state.attitude, state.velocity - wind - state.air.gust)
     against = rate - frames.unrotate(state.attitude, state.air.spin)
     lever = jnp.asarray(np.array(place)) - departures.centre(aircraft, by)

@@ -123,6 +123,7 @@ def prepare(
         setting_changes=changed(driven, settings),
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
+        climbed=np.interp(time, states.time, data.height - data.height[0]),
         airspeed=np.interp(time, states.time, states.airspeed),
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
@@ -181,7 +182,7 @@ def first_unknowns(
 def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise:
     seen = rows.measured.valid
     level = float(states.noise.gust[0])
-    height = float(np.median(rows.height))
+    height = float(np.median(rows.climbed))
     if height < LOWEST:
         height = USUAL
     long, tall = air.scale_lengths(height)

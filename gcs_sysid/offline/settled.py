@@ -65,11 +65,13 @@ def flown(flights: Sequence[Flight], aircraft: Aircraft) -> Flown:
         )
         for name in aircraft.control_names
     }
-    heights = [one.reconstruction.data.height for one in flights]
-    # A log that began in the air does not tell the height.
+    data = [one.reconstruction.data for one in flights]
+    # A log that began in the air does not tell the height unless the autopilot does.
     height = min(
-        float(np.min(each)) if float(np.median(each)) > aided_flight.LOWEST else np.inf
-        for each in heights
+        float(np.min(each.height))
+        if each.above_home or float(np.median(each.height)) > aided_flight.LOWEST
+        else np.inf
+        for each in data
     )
     return Flown(
         qbar=np.concatenate([one.samples.qbar for one in flights]),

@@ -23,6 +23,8 @@ VELOCITY_STREAMS = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT")
 ALTITUDE_STREAMS = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "VFR_HUD")
 PRESSURE_STREAMS = ("SCALED_PRESSURE", "HIGHRES_IMU")
 
+UNLIKE = 5.0
+"""A height that differs from the altitude by more than a constant and this [m] is none."""
 SLOWEST_AIRSPEED = 3.0
 """Below this [m/s] a pitot tube's reading says nothing about the flow."""
 GAP = 0.5
@@ -40,7 +42,8 @@ class FlightData:
         has_accelerometer: whether specific force was measured.
         measured: other sensors, each sample on the nearest inertial sample.
         density: air density [kg/m³].
-        height: above the ground at take-off or start [m].
+        height: above home as the autopilot tells it, else above where the flight begins [m].
+        above_home: whether it is above home.
         used: stream behind each group of `MEASURED` and behind `gyro`, `accelerometer`.
         rates: sample rate of each of them in this interval [Hz].
     """
@@ -52,6 +55,7 @@ class FlightData:
     measured: Measurements
     density: Float[np.ndarray, " sample"]
     height: Float[np.ndarray, " sample"]
+    above_home: bool
     used: Mapping[str, str]
     rates: Mapping[str, float]
 
@@ -84,7 +88,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     time, keep = np.unique(time, return_index=True)
     gyro = gyro[keep]
     pressure = recording.first(PRESSURE_STREAMS, "static_pressure")
-    static, height = _air(recording, pressure, time)
+    static, height, above_home = _air(recording, pressure, time)
     used: dict[str, str] = {"gyro": gyro_stream.name}
     rates: dict[str, float] = {"gyro": _rate(time)}
     measured = _measurements(recording, aircraft, time, static, used, rates)
@@ -109,6 +113,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         measured=measured,
         density=atmosphere.density_from_pressure(static),
         height=height,
+        above_home=above_home,
         used=used,
         rates=rates,
     )
@@ -159,8 +164,8 @@ def _interpolate(
 
 def _air(
     recording: Recording, pressure: Stream | None, time: Float[np.ndarray, " sample"]
-) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
-    """Static pressure [Pa] and height over the start [m].
+) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"], bool]:
+    """Static pressure [Pa], and height [m] with whether it is above home.
 
     Density follows from the pressure by the standard atmosphere: the temperature that an autopilot
     reports is that of its own circuit board.
@@ -179,7 +184,15 @@ def _air(
         static = atmosphere.pressure(altitude)
     if altitude_stream is None:
         altitude = atmosphere.pressure_altitude(static)
-    return static, altitude - altitude[0]
+    told = recording.first(ALTITUDE_STREAMS, "height")
+    if told is None:
+        return static, altitude - altitude[0], False
+    known, above = _series(told, ("height",), everything)
+    height = np.interp(time, known, above[:, 0])
+    if np.std(height - altitude) > UNLIKE:
+        return static, altitude - altitude[0], False
+    # Below home is an error of the height, or a valley: no place for the ground's influence.
+    return static, np.maximum(height, 0.0), True
 
 
 def _attitude_at(

@@ -147,6 +147,7 @@ def empty(elevator: np.ndarray) -> Row:
         setting_changes=np.zeros((COUNT, 3, 0, 0)),
         density=np.full(COUNT, 1.2),
         height=np.full(COUNT, 100.0),
+        climbed=np.full(COUNT, 0.0),
         airspeed=np.full(COUNT, 17.0),
         gyro=np.zeros((COUNT, 3)),
         accelerometer=np.zeros((COUNT, 3)),

@@ -103,6 +103,7 @@ def row(step: float) -> Row:
         setting_changes=jnp.zeros((3, 0, 0)),
         density=jnp.asarray(1.2),
         height=jnp.asarray(100.0),
+        climbed=jnp.asarray(0.0),
         airspeed=jnp.asarray(SPEED),
         gyro=jnp.zeros(3),
         accelerometer=jnp.zeros(3),
