@@ -268,6 +268,38 @@ def test_density_and_height_follow_from_static_pressure(
     np.testing.assert_allclose(data.density, expected, rtol=1e-6)  # linear between samples
 
 
+def with_height(recording: Recording, altitude: np.ndarray, height: np.ndarray) -> Recording:
+    """The flight with a position that tells these at its samples."""
+    place = recording.streams["GLOBAL_POSITION_INT"]
+    told = {**place.channels, "altitude": altitude, "height": height}
+    return replace(
+        recording,
+        streams={**recording.streams, "GLOBAL_POSITION_INT": replace(place, channels=told)},
+    )
+
+
+def test_height_is_above_home_where_the_autopilot_tells_it(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    """A log that begins in the air, two metres over the ground, and once below home."""
+    time = np.asarray(recording.streams["GLOBAL_POSITION_INT"].time)
+    above = 2.0 + 3.0 * np.sin(time)
+    data = measurements.select(with_height(recording, 450.0 + above, above), aircraft, EVERYTHING)
+    assert data.above_home
+    expected = np.maximum(np.interp(data.time, time, above), 0.0)
+    np.testing.assert_allclose(data.height, expected, atol=1e-9)
+
+
+def test_a_height_that_does_not_follow_the_altitude_is_none(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    time = np.asarray(recording.streams["GLOBAL_POSITION_INT"].time)
+    climb = 450.0 + 20.0 * np.sin(time)
+    data = measurements.select(with_height(recording, climb, 0.0 * time), aircraft, EVERYTHING)
+    assert not data.above_home
+    assert data.height[0] == 0.0
+
+
 @pytest.mark.parametrize(
     ("gone", "named"),
     [
