@@ -63,7 +63,7 @@ def corrected(
             aircraft = servo_changes.changed(aircraft, control, change)
         elif kind in _OF_SERVO:
             aircraft = servo_changes.changed(aircraft, which, _OF_SERVO[kind](value))
-        elif kind == "effectiveness":
+        elif kind == "effectiveness" and f"aeroelastic.{which}" not in wrong:
             aircraft = _effectiveness(aircraft, which, 1.0 + value)
         elif name in directions:
             aircraft = _terms(aircraft, directions[name], value, deviation)

@@ -23,8 +23,9 @@ VELOCITY_STREAMS = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT")
 ALTITUDE_STREAMS = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "VFR_HUD")
 PRESSURE_STREAMS = ("SCALED_PRESSURE", "HIGHRES_IMU")
 
-UNLIKE = 5.0
-"""A height that differs from the altitude by more than a constant and this [m] is none."""
+UNLIKE = 0.5
+"""A height that differs from the altitude by more than a constant and this share of the altitude's
+own spread is none: some logs have zeros there."""
 SLOWEST_AIRSPEED = 3.0
 """Below this [m/s] a pitot tube's reading says nothing about the flow."""
 GAP = 0.5
@@ -189,7 +190,7 @@ def _air(
         return static, altitude - altitude[0], False
     known, above = _series(told, ("height",), everything)
     height = np.interp(time, known, above[:, 0])
-    if np.std(height - altitude) > UNLIKE:
+    if np.std(height - altitude) > UNLIKE * np.std(altitude):
         return static, altitude - altitude[0], False
     # Below home is an error of the height, or a valley: no place for the ground's influence.
     return static, np.maximum(height, 0.0), True

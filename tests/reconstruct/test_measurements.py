@@ -294,7 +294,7 @@ def test_a_height_that_does_not_follow_the_altitude_is_none(
     recording: Recording, aircraft: Aircraft
 ) -> None:
     time = np.asarray(recording.streams["GLOBAL_POSITION_INT"].time)
-    climb = 450.0 + 20.0 * np.sin(time)
+    climb = 450.0 + 2.0 * np.sin(time)
     data = measurements.select(with_height(recording, climb, 0.0 * time), aircraft, EVERYTHING)
     assert not data.above_home
     assert data.height[0] == 0.0

@@ -276,6 +276,23 @@ def test_bending_follows_the_logarithm_of_the_pressures_flown(aircraft) -> None:
         np.testing.assert_allclose(bent[large] / plain[large], wanted, atol=0.02)
 
 
+def test_what_bends_is_put_right_by_level_and_loss_together(aircraft) -> None:
+    """Added, as they were found: not one times the other."""
+    found = built(aircraft)
+    bent = {"aeroelastic.elevator": -0.3, "effectiveness.elevator": -0.1}
+    wrong = {name: (value, 0.01) for name, value in bent.items()}
+    made = extended.corrected(aircraft, wrong, found.directions)
+    for qbar in (160.0, 340.0):
+        flow = at(aircraft, elevator=0.1, alpha=0.03, qbar=qbar)
+        values = {key: jnp.asarray(value) for key, value in flow.items()}
+        flies = [
+            float(aerodynamics.coefficient(made.aerodynamics.get(name, CoefficientModel()), values))
+            for name in found.aircraft.aerodynamics
+        ]
+        np.testing.assert_allclose(flies, coefficients(found, bent, flow), atol=1e-12)
+    assert made.servos == aircraft.servos
+
+
 def test_the_ground_lifts_by_its_influence(aircraft) -> None:
     found = built(aircraft)
     names = list(found.aircraft.aerodynamics)
