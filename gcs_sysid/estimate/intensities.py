@@ -13,19 +13,21 @@ known of how gusts turn the air: `oriented` looks all around.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from gcs_sysid import parallel
 from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
-from gcs_sysid.model.aided import Means, Noise, Row
+from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
@@ -117,12 +119,14 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
                 azimuth=jnp.asarray(azimuth),
             )
             tried.append(log_noise._replace(turbulence=turbulence))
-    turned = max(tried, key=lambda noise: _density(noise, about))
-    ends = []
-    for begun in (log_noise, turned):
+    densities = parallel.each(lambda noise: _density(noise, about), tried)
+    turned = tried[int(np.argmax(densities))]
+
+    def climb(begun: Noise) -> tuple[float, Noise]:
         search = climbed(model, means, path, prior, Search(begun), CLIMBED)
-        ends.append((_density(search.log_noise, about), search.log_noise))
-    return max(ends, key=lambda end: end[0])[1]
+        return _density(search.log_noise, about), search.log_noise
+
+    return max(parallel.each(climb, (log_noise, turned)), key=lambda end: end[0])[1]
 
 
 class Lined(NamedTuple):
@@ -154,24 +158,21 @@ class Still(NamedTuple):
 def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lined:
     """A flight linearised about a path."""
     rows = causal.joined(model, means, log_noise, path)
-    still, last = [], None
-    for chunk in path.chunks:
-        ended = causal.ends(chunk, last)
-        errors = (ended.attitude_error, ended.push, ended.velocity_error)
-        slow = jnp.concatenate([*ended.air, *errors], axis=1)
-        padded = jnp.pad(slow, ((0, 0), (aided.MOVING, 0)))
-        still.append(Still(_mechanics(model, means, chunk), padded))
-        last = jax.tree.map(lambda part: part[-1:], chunk.after)
+    still = parallel.each(
+        lambda *at: jax.block_until_ready(_still(model, means, *at)),
+        path.chunks,
+        causal.last_ends(path),
+    )
     return Lined(path, rows, still)
 
 
 def _density(log_noise: Noise, about: Lined) -> float:
     """Log-likelihood of a flight."""
-    start, total = about.path.start, 0.0
-    for chunk, piece, still in zip(about.path.chunks, about.rows, about.still, strict=True):
-        start, part = linear_filter.likelihood(start, at(log_noise, chunk, piece, still))
-        total += float(part)
-    return total
+    start, total = about.path.start, []
+    for piece in parallel.ahead(partial(_ready_at, log_noise), about.path.chunks, *about[1:]):
+        start, part = linear_filter.likelihood(start, piece)
+        total.append(part)
+    return sum(float(part) for part in total)
 
 
 def _stepped(about: Lined, prior: Prior, search: Search) -> Search:
@@ -224,26 +225,24 @@ def _slope(
 ) -> tuple[float, Float[np.ndarray, " intensity"], list[Belief]]:
     """Log-likelihood, its gradient, and the belief before each chunk."""
     path = about.path
-    rows = [at(log_noise, *item) for item in zip(path.chunks, *about[1:], strict=True)]
+    rows = parallel.each(partial(_ready_at, log_noise), path.chunks, *about[1:])
     begun, steps = [path.start], []
     for piece in rows:
         end, done = linear_filter.run(begun[-1], piece)
         begun.append(end)
         steps.append(done)
     later = jax.tree.map(jnp.zeros_like, path.start)
-    total = np.zeros(ravel_pytree(log_noise)[0].size)
-    for chunk, piece, still, first, done in zip(
-        path.chunks[::-1],
-        rows[::-1],
-        about.still[::-1],
-        begun[-2::-1],
-        steps[::-1],
-        strict=True,
-    ):
+    slopes = []
+    for piece, first, done in zip(rows[::-1], begun[-2::-1], steps[::-1], strict=True):
         later, slope = linear_filter.adjoint(first, piece, done, later)
-        total += np.asarray(ravel_pytree(_pulled_back(log_noise, chunk, still, slope))[0])
-    density = sum(float(jnp.sum(done.log_likelihood)) for done in steps)
-    return density, total, begun
+        slopes.append(slope)
+
+    def pulled(*at: Any) -> Noise:
+        return jax.block_until_ready(_pulled_back(log_noise, *at))
+
+    told = parallel.each(pulled, path.chunks, about.still, slopes[::-1])
+    density = sum(float(np.sum(done.log_likelihood)) for done in steps)
+    return density, sum(np.asarray(ravel_pytree(part)[0]) for part in told), begun
 
 
 class _Driven(NamedTuple):
@@ -298,14 +297,15 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
 
 
 @partial(jax.jit, static_argnums=0)
-def _mechanics(
-    model: FlightModel, means: Means, chunk: Chunk
-) -> Float[Array, "sample state state"]:
+def _still(model: FlightModel, means: Means, chunk: Chunk, last: State | None) -> Still:
     def one(part: Chunk) -> Array:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
         return aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
 
-    return jax.vmap(one)(chunk)
+    ended = causal.ends(chunk, last)
+    errors = (ended.attitude_error, ended.push, ended.velocity_error)
+    slow = jnp.concatenate([*ended.air, *errors], axis=1)
+    return Still(jax.vmap(one)(chunk), jnp.pad(slow, ((0, 0), (aided.MOVING, 0))))
 
 
 @jax.jit
@@ -374,31 +374,115 @@ def at(log_noise: Noise, chunk: Chunk, rows: Linearised, still: Still) -> Linear
     )
 
 
+class Reach(IntEnum):
+    """How far an intensity reaches into a row's matrices, each kind as far as those before it."""
+
+    MEASURED = 0
+    DRIVEN = 1
+    DECAYING = 2
+
+
+def reaches(log_noise: Noise) -> list[Reach]:
+    """Of each intensity, in the order of `ravel_pytree`."""
+    flat, unravel = ravel_pytree(log_noise)
+    slopes = jax.jacfwd(lambda values: _driven(unravel(values)))(flat)
+
+    def touched(*parts: Array) -> Bool[np.ndarray, " intensity"]:
+        return np.any([np.any(np.abs(part) > 0.0, axis=(0, 1)) for part in parts], axis=0)
+
+    decaying, driven = touched(slopes.decay), touched(slopes.driving, slopes.doubted)
+    return [
+        Reach.DECAYING if slow else Reach.DRIVEN if loud else Reach.MEASURED
+        for slow, loud in zip(decaying, driven, strict=True)
+    ]
+
+
+@jax.jit
+def halves(log_noise: Noise, chunk: Chunk, still: Still) -> Float[Array, "sample state state"]:
+    """Transitions over half of each step."""
+    decay = _driven(log_noise).decay
+    half = jax.vmap(aided_linear.half_transition, in_axes=(0, None, 0))
+    return half(still.mechanics, decay, chunk.row)
+
+
+def nearby(
+    log_noise: Noise,
+    reach: Reach,
+    chunk: Chunk,
+    rows: Linearised,
+    still: Still,
+    half: Float[Array, "sample state state"],
+) -> Linearised:
+    """`at`, where what the rows have been made with differs in an intensity of that reach only.
+
+    Most of the work is for the transitions, which most intensities leave alone: to work out what
+    each one changes takes half the time.
+    """
+    if reach is Reach.DECAYING:
+        return at(log_noise, chunk, rows, still)
+    found = rows._replace(variance=_variance(log_noise, chunk))
+    if reach is Reach.DRIVEN:
+        found = found._replace(process=_process(log_noise, chunk, half))
+    return found
+
+
+@jax.jit
+def _variance(log_noise: Noise, chunk: Chunk) -> Float[Array, "sample row"]:
+    present = jax.vmap(aided_linear.present_rows)(chunk.row)
+    return jnp.where(present, _driven(log_noise).variance, 1.0)
+
+
+@jax.jit
+def _process(
+    log_noise: Noise, chunk: Chunk, half: Float[Array, "sample state state"]
+) -> Float[Array, "sample state state"]:
+    driven = _driven(log_noise)
+
+    def one(row: Row, half: Array) -> Array:
+        noise = jnp.where(row.modelled, driven.driving, driven.doubted)
+        return aided_linear.process(half, row, noise)
+
+    return jax.vmap(one)(chunk.row, half)
+
+
+def _ready_at(log_noise: Noise, *item: Any) -> Linearised:
+    return jax.block_until_ready(at(log_noise, *item))
+
+
 def _information(
     log_noise: Noise, about: Lined, begun: Sequence[Belief], free: np.ndarray
 ) -> Float[np.ndarray, "intensity intensity"]:
-    """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S), from the first rows of the chunk in the middle.
+    """Σ ∂νᵀ S⁻¹ ∂ν + ½ tr(S⁻¹ ∂S S⁻¹ ∂S), from the chunks in the middle.
 
     Intensities change the gains, and with them the innovations themselves.
     """
-    chunks = about.path.chunks
-    index = len(chunks) // 2
-    chunk, rows, still = jax.tree.map(
-        lambda part: part[:SAMPLE_ROWS], (chunks[index], about.rows[index], about.still[index])
-    )
+    size = about.path.chunks[0].row.step.shape[0]
+    count = min(-(-SAMPLE_ROWS // size), len(about.path.chunks))
+    first = (len(about.path.chunks) - count) // 2
+    taken = slice(first, first + count)
+    chunks, rows, still = (part[taken] for part in (about.path.chunks, about.rows, about.still))
     flat, unravel = ravel_pytree(log_noise)
-    here = at(log_noise, chunk, rows, still)
-    _, done = linear_filter.run(begun[index], here)
-    unchanged = jax.tree.map(jnp.zeros_like, begun[index])
-    changes = []
-    for place in np.flatnonzero(free):
+    here = [at(log_noise, *item) for item in zip(chunks, rows, still, strict=True)]
+    starts = begun[taken]
+    steps = [linear_filter.run(*item)[1] for item in zip(starts, here, strict=True)]
+
+    kinds = reaches(log_noise)
+    half = [halves(log_noise, *item) for item in zip(chunks, still, strict=True)]
+
+    def change(place: int) -> Float[np.ndarray, " told"]:
         moved = unravel(flat.at[place].add(DIFFERENCE))
-        other = at(moved, chunk, rows, still)
-        _, found = linear_filter.change(begun[index], here, done, other, unchanged)
-        both = (np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread))
-        changes.append(np.concatenate(both) / DIFFERENCE)
-    every = sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in chunks)
-    seen = max(int(np.sum(np.asarray(chunk.row.step) > 0.0)), 1)
+        belief, told = jax.tree.map(jnp.zeros_like, starts[0]), []
+        for item, *about_ in zip(
+            zip(chunks, here, still, half, strict=True), starts, here, steps, strict=True
+        ):
+            other = nearby(moved, kinds[place], *item)
+            belief, found = linear_filter.change(*about_, other, belief)
+            told += [np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread)]
+        return np.concatenate(told) / DIFFERENCE
+
+    changes = np.array(parallel.each(change, np.flatnonzero(free).tolist()))
+    every = sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in about.path.chunks)
+    seen = max(sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in chunks), 1)
     out = np.zeros((flat.size, flat.size))
-    out[np.ix_(free, free)] = every / seen * np.array(changes) @ np.array(changes).T
+    out[np.ix_(free, free)] = every / seen * changes @ changes.T
     return out

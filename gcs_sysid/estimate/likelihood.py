@@ -26,6 +26,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
+from gcs_sysid import parallel
 from gcs_sysid.estimate import intensities
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
@@ -238,6 +239,8 @@ class _Asked:
             unravel(flat.at[index].add(step)) for index, step in zip(found, steps, strict=True)
         ]
         self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
+        kinds = intensities.reaches(log_noise)
+        self._reaches = [kinds[at] for at in noises]
         self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * wanted_of.size
         self._sensitivity = jnp.zeros((aided.SIZE, found.size))
         self._last: State | None = None
@@ -258,16 +261,18 @@ class _Asked:
             self._sensitivity, rows, done, motion, seen
         )
         leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
-        self._last = jax.tree.map(lambda part: part[-1:], chunk.after)
+        self._last = causal.last_end(chunk)
         count, width = done.whitened.shape
         size, pairs = len(self._beliefs), _pairs(width)[0].size
+        half = intensities.halves(log_noise, chunk, still)
         every = Changed(
             np.zeros((size, count, width), np.float32), np.zeros((size, count, pairs), np.float32)
         )
-        for first in range(0, size, TOGETHER):
+
+        def together(first: int) -> None:
             group = range(first, min(first + TOGETHER, size))
             others = [
-                self._other(int(self._wanted_of[place]), chunk, rows, still, leap, follows)
+                self._other(int(self._wanted_of[place]), chunk, rows, still, half, leap, follows)
                 for place in group
             ]
             spare = TOGETHER - len(others)
@@ -277,6 +282,8 @@ class _Asked:
                 self._beliefs[place] = belief
                 every.innovation[place, wanted] = np.asarray(told.innovation)[wanted]
                 every.spread[place, wanted] = np.asarray(told.spread)[wanted]
+
+        parallel.each(together, range(0, size, TOGETHER))
         steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
         steps = steps[self._wanted_of]
         held = np.where(wanted[:, None], np.moveaxis(np.asarray(white), 2, 0), 0.0)
@@ -288,13 +295,15 @@ class _Asked:
         chunk: Chunk,
         rows: Linearised,
         still: intensities.Still,
+        half: Float[Array, "sample state state"],
         leap: Float[Array, "sample state"],
         follows: Moving,
     ) -> Linearised:
         """The rows with one unknown a step further."""
         model, _, log_noise = self._at
         if number >= len(self._moved):
-            return intensities.at(self._louder[number - len(self._moved)], chunk, rows, still)
+            at = number - len(self._moved)
+            return intensities.nearby(self._louder[at], self._reaches[at], chunk, rows, still, half)
         moving = Moving(*(part[..., number] for part in follows))
         return _turned(
             model, self._moved[number], log_noise, chunk, leap, rows, moving, self._steps[number]

@@ -27,6 +27,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
+from gcs_sysid import parallel
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import Means, Noise, Row, State
@@ -107,29 +108,27 @@ def along(rows: Row, nominal: State, beginning: Beginning) -> Path:
 
 def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> list[Linearised]:
     """Every row about a path, the deviation handed on where the path leaps at a measurement."""
-    found, last = [], None
-    for chunk in path.chunks:
+
+    def one(chunk: Chunk, last: State | None) -> Linearised:
         rows = aided_smoother.linearised(model, means, log_noise, chunk)
-        leap = leaps(ends(chunk, last), chunk.before)
-        carried = jnp.einsum("kij,kj->ki", rows.transition, leap)
-        found.append(rows._replace(offset=rows.offset + carried))
-        last = jax.tree.map(lambda part: part[-1:], chunk.after)
-    return found
+        return jax.block_until_ready(rows._replace(offset=_handed_on(rows, chunk, last)))
+
+    return parallel.each(one, path.chunks, last_ends(path))
+
+
+def last_ends(path: Path) -> list[State | None]:
+    """Where the row before each chunk ended; the first has none."""
+    return [None, *(last_end(chunk) for chunk in path.chunks[:-1])]
 
 
 def filtered(
     path: Path, rows: Sequence[Linearised]
 ) -> tuple[Path, list[Belief], list[linear_filter.Filtered]]:
     """The filter over a path: the path of its predictions, beliefs before each chunk, steps."""
-    begun, steps, chunks, last = [path.start], [], [], None
-    for chunk, piece in zip(path.chunks, rows, strict=True):
+    begun, steps, chunks = [path.start], [], []
+    for chunk, last, piece in zip(path.chunks, last_ends(path), rows, strict=True):
         end, done = linear_filter.run(begun[-1], piece)
-        before = jnp.concatenate([begun[-1].mean[None], done.updated.mean[:-1]])
-        ended = ends(chunk, last)
-        chunks.append(
-            Chunk(moved(ended, before), moved(chunk.after, done.predicted.mean), chunk.row)
-        )
-        last = jax.tree.map(lambda part: part[-1:], chunk.after)
+        chunks.append(_predicted(chunk, last, begun[-1], done))
         begun.append(end)
         steps.append(done)
     start = path.start._replace(mean=jnp.zeros_like(path.start.mean))
@@ -166,15 +165,20 @@ def passed(
         size += len(more.terms) * len(more.constants)
     sensitivity = jnp.zeros((aided.SIZE, size))
     told, apart = _nothing(size), _nothing(size)
-    first, blocks = 0, []
-    for chunk, piece, done in zip(path.chunks, rows, steps, strict=True):
-        count = chunk.row.step.shape[0]
+    first, blocks, places = 0, [], jnp.asarray(asked)
+
+    def changed(chunk: Chunk, piece: Linearised) -> tuple[Array, Array]:
+        both = sensitivities(model, means, log_noise, chunk, piece, places)
+        if more is not None:
+            both = _with_more(model, more, means, chunk, *both)
+        return jax.block_until_ready(both)
+
+    changes = parallel.ahead(changed, path.chunks, rows)
+    for piece, done, (motion, seen) in zip(rows, steps, changes, strict=True):
+        count = piece.offset.shape[0]
         wanted = np.zeros(count, dtype=bool)
         part = counts[first : first + count]
         wanted[: part.size] = part
-        motion, seen = sensitivities(model, means, log_noise, chunk, piece, jnp.asarray(asked))
-        if more is not None:
-            motion, seen = _with_more(model, more, means, chunk, motion, seen)
         sensitivity, white = _carried(sensitivity, piece, done, motion, seen)
         mine, others, sums = _gathered(white, done.whitened, jnp.asarray(wanted))
         blocks.append(np.asarray(sums))
@@ -219,6 +223,31 @@ def _columns(values: np.ndarray, asked: np.ndarray, size: int) -> np.ndarray:
     return out
 
 
+@jax.jit
+def _handed_on(rows: Linearised, chunk: Chunk, last: State | None) -> Float[Array, "sample state"]:
+    """Offsets of rows that begin where the rows before them ended."""
+    leap = leaps(ends(chunk, last), chunk.before)
+    return rows.offset + jnp.einsum("kij,kj->ki", rows.transition, leap)
+
+
+@jax.jit
+def _predicted(
+    chunk: Chunk, last: State | None, begun: Belief, done: linear_filter.Filtered
+) -> Chunk:
+    """A chunk along the states that the filter believed and expected."""
+    before = jnp.concatenate([begun.mean[None], done.updated.mean[:-1]])
+    return Chunk(
+        moved(ends(chunk, last), before), moved(chunk.after, done.predicted.mean), chunk.row
+    )
+
+
+@jax.jit
+def last_end(chunk: Chunk) -> State:
+    """Where a chunk's last row ended, as a stretch of one."""
+    return jax.tree.map(lambda part: part[-1:], chunk.after)
+
+
+@jax.jit
 def ends(chunk: Chunk, last: State | None) -> State:
     """Where the row before each one ended; `last` is the end of the chunk before."""
     first = jax.tree.map(lambda part: part[:1], chunk.before) if last is None else last
