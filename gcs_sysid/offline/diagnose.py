@@ -177,6 +177,7 @@ def _diagnosed(
     credible = investigation.credible(fit.seen)
     trusted = credible and investigation.trusted(fit.seen)
     notes: tuple[str, ...] = ()
+    followed = True
     if method == "filter" and all(SERVO_STREAM in one.recording.streams for one in flights):
 
         def told(text: str, share: float) -> None:
@@ -185,7 +186,8 @@ def _diagnosed(
         try:
             return gust_diagnosis.diagnosed(under, aircraft, flights, told, apart=apart)
         except RefusedError as lost:
-            notes = (str(lost),)
+            # A simulation that far from the flight has no small cause to be named.
+            followed, notes = False, (str(lost),)
     elif method == "filter":
         notes = ("without servo positions only four causes are weighed, by coefficients",)
     fitted = investigation.investigate(fit.problems, every, fit.maneuvers, coefficients=trusted)
@@ -206,14 +208,14 @@ def _diagnosed(
         gained = before.nlpd - after.nlpd
         # Where nothing took no part, nobody is accused.
         answer = verdict.sustained(answer, gained if np.isfinite(gained) else 0.0)
-    if not credible:
+    if not (credible and followed):
         answer = replace(answer, answer="insufficient_data", indistinguishable=())
     columns = final.columns
     strained = verdict.strained(columns.names, columns.sigma, answer.best) if trusted else {}
     if strained and answer.answer == "no_effect":
         answer = replace(answer, answer="insufficient_data")
     missing = None
-    if trusted and answer.answer in ("no_effect", "insufficient_data"):
+    if trusted and followed and answer.answer in ("no_effect", "insufficient_data"):
         missing = _missing(aircraft, fit, judged, fitted, every)
     if missing is not None:
         answer = replace(answer, answer="unlisted_effect")

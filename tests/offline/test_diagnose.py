@@ -112,6 +112,35 @@ def test_a_hidden_effect_is_found_and_sized(hidden) -> None:
 
 
 @pytest.mark.slow
+def test_a_simulation_that_the_filter_cannot_follow_accuses_nobody(
+    hidden, folder, monkeypatch
+) -> None:
+    """Coefficients would: seen with a file whose servos were ten times too quick, they made a mass
+    and a centre of gravity of it at 99 %."""
+
+    def lost(*_given: object, **_named: object) -> None:
+        raise RefusedError("hidden.tlog", "the model lost the aircraft", fix="check the signs")
+
+    monkeypatch.setattr(diagnose.gust_diagnosis, "diagnosed", lost)
+    found = diagnose.run(
+        [folder / "hidden.tlog"],
+        aircraft=folder / "aircraft.toml",
+        model=None,
+        holdout=None,
+        vehicle=None,
+        segments=None,
+        out=folder / "lost",
+        progress=silent,
+        method="filter",
+    )
+    assert found["verdict"] == "insufficient_data"
+    assert found["effects"] == []
+    assert found["unlisted"] is None
+    assert any("lost the aircraft" in text for text in found["warnings"])
+    assert aircraft_file.load(folder / "lost" / "aircraft-extended.toml").mass.cg == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
 def test_the_extended_file_holds_the_effect_and_nothing_else(hidden, folder) -> None:
     extended = aircraft_file.load(folder / "hidden" / "aircraft-extended.toml")
     file = aircraft_file.load(folder / "aircraft.toml")
