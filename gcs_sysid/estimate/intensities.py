@@ -242,7 +242,8 @@ def _slope(
 
     told = parallel.each(pulled, path.chunks, about.still, slopes[::-1])
     density = sum(float(np.sum(done.log_likelihood)) for done in steps)
-    return density, sum(np.asarray(ravel_pytree(part)[0]) for part in told), begun
+    gradient = np.sum([np.asarray(ravel_pytree(part)[0]) for part in told], axis=0)
+    return density, gradient, begun
 
 
 class _Driven(NamedTuple):
@@ -384,17 +385,19 @@ class Reach(IntEnum):
 
 def reaches(log_noise: Noise) -> list[Reach]:
     """Of each intensity, in the order of `ravel_pytree`."""
-    flat, unravel = ravel_pytree(log_noise)
-    slopes = jax.jacfwd(lambda values: _driven(unravel(values)))(flat)
-
-    def touched(*parts: Array) -> Bool[np.ndarray, " intensity"]:
-        return np.any([np.any(np.abs(part) > 0.0, axis=(0, 1)) for part in parts], axis=0)
-
-    decaying, driven = touched(slopes.decay), touched(slopes.driving, slopes.doubted)
     return [
         Reach.DECAYING if slow else Reach.DRIVEN if loud else Reach.MEASURED
-        for slow, loud in zip(decaying, driven, strict=True)
+        for slow, loud in zip(*_touched(log_noise), strict=True)
     ]
+
+
+@jax.jit
+def _touched(log_noise: Noise) -> tuple[Bool[Array, " intensity"], Bool[Array, " intensity"]]:
+    """Which intensities change how the air decays, and which what drives it."""
+    flat, unravel = ravel_pytree(log_noise)
+    slopes = jax.jacfwd(lambda values: _driven(unravel(values)))(flat)
+    loud = jnp.concatenate([slopes.driving, slopes.doubted])
+    return jnp.any(slopes.decay != 0.0, axis=(0, 1)), jnp.any(loud != 0.0, axis=(0, 1))
 
 
 @jax.jit
@@ -460,23 +463,21 @@ def _information(
     count = min(-(-SAMPLE_ROWS // size), len(about.path.chunks))
     first = (len(about.path.chunks) - count) // 2
     taken = slice(first, first + count)
-    chunks, rows, still = (part[taken] for part in (about.path.chunks, about.rows, about.still))
+    chunks, still, starts = about.path.chunks[taken], about.still[taken], begun[taken]
     flat, unravel = ravel_pytree(log_noise)
-    here = [at(log_noise, *item) for item in zip(chunks, rows, still, strict=True)]
-    starts = begun[taken]
+    here = [at(log_noise, *item) for item in zip(chunks, about.rows[taken], still, strict=True)]
     steps = [linear_filter.run(*item)[1] for item in zip(starts, here, strict=True)]
-
-    kinds = reaches(log_noise)
     half = [halves(log_noise, *item) for item in zip(chunks, still, strict=True)]
+    kinds = reaches(log_noise)
 
     def change(place: int) -> Float[np.ndarray, " told"]:
         moved = unravel(flat.at[place].add(DIFFERENCE))
         belief, told = jax.tree.map(jnp.zeros_like, starts[0]), []
-        for item, *about_ in zip(
-            zip(chunks, here, still, half, strict=True), starts, here, steps, strict=True
+        for chunk, slow, start, rows, done, through in zip(
+            chunks, still, starts, here, steps, half, strict=True
         ):
-            other = nearby(moved, kinds[place], *item)
-            belief, found = linear_filter.change(*about_, other, belief)
+            other = nearby(moved, kinds[place], chunk, rows, slow, through)
+            belief, found = linear_filter.change(start, rows, done, other, belief)
             told += [np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread)]
         return np.concatenate(told) / DIFFERENCE
 
