@@ -65,7 +65,8 @@ MOVING = BLOCKS["wind"].start
 """The states of the aircraft's motion are those before this one; they feel the others, which go
 their own way."""
 TUBE = 0.2
-"""Lag of a pitot tube [s] that `State.tube` has: with a metre of thin tubing."""
+"""Lag of a pitot tube [s] that `State.tube` has: with a metre of thin tubing. Of another, stated or
+found, the tube shows its share: to first order the same, and exact at this one."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 
@@ -387,10 +388,11 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         return through_air(aircraft, means, at, row, rate, place)
 
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
-    if by is not None:
+    if by is not None or aircraft.pitot.error.lag > 0.0:
         late = row.measured.age[0] - errors.airspeed_delay
         shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
-        speed = speed + by.tube * (shown - speed)
+        share = aircraft.pitot.error.lag / TUBE + (0.0 if by is None else by.tube)
+        speed = speed + share * (shown - speed)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
     expected = frames.multiply(frames.exponential(source), turned)

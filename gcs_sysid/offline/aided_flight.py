@@ -18,8 +18,8 @@ from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
 from gcs_sysid.offline.flight import SERVO_STREAM, control_channels, pulses, setting
+from gcs_sysid.reconstruct import measurements
 from gcs_sysid.reconstruct.aided_smoother import Beginning
-from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.reconstruction import Reconstruction
 from gcs_sysid.recording import Recording
 
@@ -129,7 +129,7 @@ def prepare(
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
         modelled=np.full(time.size, told),
-        measured=_measured(data, kept, time.size),
+        measured=_measured(measurements.as_shown(data, aircraft.pitot.error.lag), kept, time.size),
     )
     nominal = _nominal(states, time)
     first = jax.tree.map(lambda part: part[0], nominal)
@@ -314,8 +314,8 @@ def _flags(kept: np.ndarray, count: int) -> Bool[np.ndarray, " row"]:
     return out
 
 
-def _measured(data: FlightData, kept: np.ndarray, count: int) -> Measurements:
-    measured = jax.tree.map(np.asarray, data.measured)
+def _measured(measured: Measurements, kept: np.ndarray, count: int) -> Measurements:
+    measured = jax.tree.map(np.asarray, measured)
     attitude = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
     attitude[kept] = measured.attitude
     valid = np.zeros((count, measured.valid.shape[1]), dtype=bool)

@@ -282,6 +282,26 @@ def lateness(aircraft: Aircraft, stream: str, group: str) -> float:
     return delay
 
 
+def as_shown(data: FlightData, lag: float) -> Measurements:
+    """Measurements with the airspeed at the time when it was shown.
+
+    Whoever has a model of the pitot tube's lag wants no delay in place of it.
+
+    Args:
+        data: with the airspeed at the time that it tells of, by a delay of `lag`.
+        lag: of the pitot tube [s].
+    """
+    measured, group = data.measured, list(MEASURED).index("airspeed")
+    old = np.flatnonzero(np.asarray(measured.valid)[:, group])
+    age, valid = np.array(measured.age), np.array(measured.valid)
+    airspeed = np.zeros_like(np.asarray(measured.airspeed))
+    rows, taken, offset = _slots(data.time, data.time[old] + age[old, group] + lag)
+    airspeed[rows] = np.asarray(measured.airspeed)[old[taken]]
+    valid[:, group], age[:, group] = False, 0.0
+    valid[rows, group], age[rows, group] = True, offset
+    return measured._replace(airspeed=airspeed, valid=valid, age=age)
+
+
 def _slots(
     time: Float[np.ndarray, " sample"], known: Float[np.ndarray, " known"]
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, " kept"]]:

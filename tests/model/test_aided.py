@@ -214,6 +214,13 @@ def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
     half = known._replace(departures=lagging._replace(tube=jnp.asarray(0.5)))
     left = aided.innovation(STONE, half, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
+    # Of a lag that the file states, the tube shows its share as well.
+    error = replace(STONE.pitot.error, lag=0.1)
+    stated = replace(STONE, pitot=replace(STONE.pitot, error=error))
+    left = aided.innovation(stated, known, now, seen)
+    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
+    left = aided.innovation(stated, half, now, seen)
+    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
 
 
 def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:

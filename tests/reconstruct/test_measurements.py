@@ -45,6 +45,27 @@ def seen(data: FlightData, group: str) -> tuple[np.ndarray, np.ndarray]:
     return times, getattr(data.measured, group)[valid]
 
 
+def test_airspeed_is_as_shown_where_the_lag_of_the_tube_is_modelled(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    """What the file's lag moved earlier lies where it lay without it; nothing else is moved."""
+    lag = 0.17
+    lagging = replace(aircraft, pitot=replace(aircraft.pitot, error=SensorError(lag=lag)))
+    data = measurements.select(recording, lagging, EVERYTHING)
+    shown = replace(data, measured=measurements.as_shown(data, lag))
+    plain = measurements.select(recording, aircraft, EVERYTHING)
+    times, airspeed = seen(shown, "airspeed")
+    wanted_times, wanted = seen(plain, "airspeed")
+    both = np.isin(np.round(wanted_times, 6), np.round(times, 6))
+    assert both.sum() > 0.9 * both.size
+    np.testing.assert_allclose(times, wanted_times[both], atol=1e-9)
+    # True airspeed is worked out with the pressure of 0.17 s before.
+    np.testing.assert_allclose(airspeed, wanted[both], rtol=1e-4)
+    for group in ("velocity", "attitude"):
+        for now, before in zip(seen(shown, group), seen(data, group), strict=True):
+            np.testing.assert_array_equal(now, before)
+
+
 def test_each_sample_lies_on_the_nearest_inertial_one_with_its_age(
     recording: Recording, aircraft: Aircraft
 ) -> None:
