@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy.special import expit, logsumexp
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.diagnose.aided.beliefs import NEGLIGIBLE
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.evidence import Information, posterior
@@ -83,7 +84,8 @@ def strongest(
     """The one more term that the flights ask for most, if what took no part asks for it too.
 
     Any term, and any accuracy of the file, is averaged over: what is told is whether something is
-    missing, and which term it looks like.
+    missing, and which term it looks like. What no simulation is good to is not missing: that a term
+    is large is weighed against its being negligible, and not against its being nothing.
 
     Args:
         fitted: what was fitted says of all unknowns, the terms among them.
@@ -96,7 +98,8 @@ def strongest(
     tried = [_added(fitted, one, sigma) for one in accurate]
     prior = np.log(list(ACCURACIES.values()))
     nothing = logsumexp([one.nothing for one in tried] + prior)
-    having = np.array([one.nothing + one.gain for one in tried]) + prior[:, None]
+    having = np.array([one.nothing + one.gain - one.negligible for one in tried])
+    having = having + prior[:, None]
     place, best = divmod(int(np.argmax(having)), sigma.size)
     if apart.count and _added(apart, accurate[place], sigma).gain[best] <= 0.0:
         return None
@@ -140,10 +143,19 @@ def named(missing: MissingTerm, probability: float, ranked: Sequence[Ranked]) ->
 
 @dataclass(frozen=True)
 class _Added:
-    """Evidence without any term [nat], and for each: what it gains, its value and one sigma."""
+    """Evidence for terms, each by itself.
+
+    Attributes:
+        nothing: without any term [nat].
+        gain: of each term.
+        negligible: of each where it is no more than that.
+        value: of each.
+        deviation: one sigma of it.
+    """
 
     nothing: float
     gain: Float[np.ndarray, " term"]
+    negligible: Float[np.ndarray, " term"]
     value: Float[np.ndarray, " term"]
     deviation: Float[np.ndarray, " term"]
 
@@ -159,6 +171,16 @@ def _added(data: Information, listed: Unknowns, sigma: Float[np.ndarray, " term"
     cross = data.gram[:, places]
     told = np.diagonal(data.gram)[places] - np.sum(cross * (base.covariance @ cross), axis=0)
     rest = data.score[places] - cross.T @ base.mean
+
+    def gain(sigma: Float[np.ndarray, " term"]) -> Float[np.ndarray, " term"]:
+        share = 1.0 + np.maximum(told, 0.0) * sigma**2
+        return 0.5 * (sigma * rest) ** 2 / share - 0.5 * np.log(share)
+
     share = 1.0 + np.maximum(told, 0.0) * sigma**2
-    gain = 0.5 * (sigma * rest) ** 2 / share - 0.5 * np.log(share)
-    return _Added(base.log_evidence, gain, sigma**2 * rest / share, sigma / np.sqrt(share))
+    return _Added(
+        base.log_evidence,
+        gain(sigma),
+        gain(NEGLIGIBLE / SIZE * sigma),
+        sigma**2 * rest / share,
+        sigma / np.sqrt(share),
+    )

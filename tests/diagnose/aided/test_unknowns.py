@@ -9,12 +9,15 @@ import pytest
 from scipy.special import logsumexp
 
 from gcs_sysid.diagnose.aided import unknowns, unlisted
+from gcs_sysid.diagnose.aided.beliefs import NEGLIGIBLE
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES, rank
 from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.evidence import information, posterior
 from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED
+from gcs_sysid.diagnose.unlisted import SIZE
 from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
+from gcs_sysid.diagnose.verdict import NAMED
 from tests.diagnose.aided.made_unknowns import (
     EVERY,
     ORDINARY,
@@ -125,7 +128,8 @@ def test_no_file_is_better_than_anybody_sees() -> None:
 
 
 def test_a_missing_term_is_found_by_its_evidence() -> None:
-    """Its gain is the difference of two full evidences, averaged over terms and accuracies."""
+    """Its gain is the difference of two full evidences, of one with it at large and one with it
+    negligible, averaged over terms and accuracies."""
     terms = unlisted_terms(())[:2]
     names = unlisted.names(terms)
     every = listed().with_more(names)
@@ -141,15 +145,19 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
     assert best.value == pytest.approx(0.8, abs=4.0 * best.deviation)
     places = every.names.index(names[0]) + np.arange(len(names))
 
-    def evidence(place: int | None, share: float) -> float:
+    def evidence(place: int, share: float, size: float) -> float:
         freed = every.as_accurate(share).sigma.copy()
-        if place is not None:
-            freed[place] = 0.7
-        return posterior(data, freed).log_evidence + np.log(ACCURACIES[share])
+        freed[place] = size
+        return posterior(data, freed).log_evidence
 
-    having = [[evidence(place, share) for share in ACCURACIES] for place in places]
-    nothing = [evidence(None, share) for share in ACCURACIES]
-    expected = logsumexp(having) - np.log(len(names)) - logsumexp(nothing)
+    def having(place: int, share: float) -> float:
+        small = 0.7 * NEGLIGIBLE / SIZE
+        nothing, negligible, large = (evidence(place, share, size) for size in (0.0, small, 0.7))
+        return large - negligible + nothing + np.log(ACCURACIES[share])
+
+    each = [[having(place, share) for share in ACCURACIES] for place in places]
+    nothing = [evidence(places[0], share, 0.0) + np.log(ACCURACIES[share]) for share in ACCURACIES]
+    expected = logsumexp(each) - np.log(len(names)) - logsumexp(nothing)
     assert best.log_bayes_factor == pytest.approx(expected, rel=1e-9)
     accurate = every.as_accurate(best.accuracy).sigma
     freed = accurate.copy()
@@ -160,6 +168,29 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
         alone = posterior(elsewhere, freed).log_evidence
         alone -= posterior(elsewhere, accurate).log_evidence
         assert (kept is None) == (alone <= 0.0)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.02, False), (0.15, True)])
+def test_a_term_is_missing_where_it_matters_however_well_it_is_seen(
+    share: float, named: bool
+) -> None:
+    """Two clean flights were accused of a side force with the angle of attack, 2 and 3 % of the
+    coefficient's spread at six deviations: gusts whose field lies a little otherwise do that."""
+    terms = unlisted_terms(())
+    names = unlisted.names(terms)
+    every = listed().with_more(names)
+    random = np.random.default_rng(5)
+    # A term that moves its coefficient by all its spread has the size 1.
+    columns = random.standard_normal((400, every.parameters)) / 0.05
+    wide = columns @ np.concatenate([np.eye(every.parameters), every.directions], axis=1)
+    hidden = every.names.index(names[7])
+    left = share * columns[:, hidden] + random.standard_normal(400)
+    data, sigma = information(wide, left), np.full(len(names), SIZE)
+    found = unlisted.strongest(data, data.weighed(0.0), every, terms, sigma)
+    assert found is not None
+    assert (found.log_bayes_factor > NAMED) == named
+    if named:
+        assert f"missing.{found.coefficient}.{found.key}" == names[7]
 
 
 def test_what_a_cause_explains_as_well_is_not_called_unlisted() -> None:
