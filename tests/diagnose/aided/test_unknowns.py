@@ -174,9 +174,10 @@ def test_a_missing_term_is_found_by_its_evidence() -> None:
 def test_a_term_is_missing_where_it_matters_however_well_it_is_seen(
     share: float, named: bool
 ) -> None:
-    """Two flights were accused of a side force with the angle of attack that was not there, 2 and 3 %
-    of the coefficient's spread at six deviations: gusts whose field lies a little otherwise do
-    that."""
+    """Of that at six deviations two flights were accused: a side force with the angle of attack.
+
+    It was not there; gusts whose field lies a little otherwise do that.
+    """
     terms = unlisted_terms(())
     names = unlisted.names(terms)
     every = listed().with_more(names)
