@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 
 def each(function: Callable[..., Made], *given: Iterable[object]) -> list[Made]:
-    """`function` of every set of arguments, as `map` takes them."""
+    """`function` of every set of arguments: the first of each of `given`, the second of each, and so on."""
     return list(ahead(function, *given, by=None))
 
 
@@ -31,10 +31,10 @@ def ahead(
 
     Args:
         function: what is to be done; its result should be ready, not on its way.
-        given: arguments, as `map` takes them.
+        given: arguments, as for `each`; all as long.
         by: None for no limit.
     """
-    calls: Iterator[tuple[object, ...]] = zip(*given, strict=False)
+    calls: Iterator[tuple[object, ...]] = zip(*given, strict=True)
     if _cores() == 1 or getattr(_HERE, "busy", False):
         for arguments in calls:
             yield function(*arguments)

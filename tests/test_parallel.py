@@ -58,6 +58,13 @@ class TestOnFourCores:
         assert list(made) == list(range(1, 100))
 
 
+@pytest.mark.parametrize("cores", [1, 4])
+def test_arguments_that_do_not_go_together_are_an_error(monkeypatch, cores):
+    monkeypatch.setattr(parallel, "_cores", lambda: cores)
+    with pytest.raises(ValueError, match="shorter"):
+        parallel.each(lambda one, other: one + other, range(3), range(2))
+
+
 def test_one_core_works_in_the_thread_that_asks(monkeypatch):
     monkeypatch.setattr(parallel, "_cores", lambda: 1)
     here = threading.get_ident()

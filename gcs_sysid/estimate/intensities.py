@@ -418,8 +418,7 @@ def nearby(
 ) -> Linearised:
     """`at`, where what the rows have been made with differs in an intensity of that reach only.
 
-    Most of the work is for the transitions, which most intensities leave alone: to work out what
-    each one changes takes half the time.
+    Most of the work is for the transitions, which most intensities leave alone.
     """
     if reach is Reach.DECAYING:
         return at(log_noise, chunk, rows, still)
