@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 
 def each(function: Callable[..., Made], *given: Iterable[object]) -> list[Made]:
-    """`function` of every set of arguments: the first of each of `given`, the second of each, and so on."""
+    """`function` of every set of arguments: one of each of `given`, in their order."""
     return list(ahead(function, *given, by=None))
 
 
