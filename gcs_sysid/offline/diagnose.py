@@ -225,7 +225,7 @@ def _diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(answer, missing),
+        **entries.verdict(answer, final.ranked, missing),
         "ranking": entries.ranking(final.ranked),
         "discrepancy": _discrepancy(final, fit.problems, corrections)
         if trusted
@@ -238,6 +238,7 @@ def _diagnosed(
         },
         "detectable": entries.detectable(every, deviations, ABSOLUTE),
         "strained": strained,
+        "followed": followed,
         "used": "coefficients and kinematics" if trusted else "kinematics",
         "maneuvers": summary.maneuvers(flights, judged.maneuvers),
         "reconstruction": summary.reconstruction(flights[0]),

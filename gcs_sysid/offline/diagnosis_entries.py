@@ -16,22 +16,32 @@ LISTED = 12
 
 
 def verdict(
-    answer: Verdict, missing: Missing | MissingTerm | None, unlisted: float | None = None
+    answer: Verdict,
+    ranked: Sequence[Ranked],
+    missing: Missing | MissingTerm | None,
+    unlisted: float | None = None,
 ) -> dict[str, Any]:
     """The answer and what belongs to it, in the keys of the interface.
 
     Args:
         answer: of the ranking.
+        ranked: sets of causes, the most probable first.
         missing: a term that nothing listed stands for, where one is asked for.
         unlisted: probability that one is missing, where that is known.
     """
     best = answer.best
     rivals = [name for item in answer.indistinguishable for name in item.names]
     named = answer.answer in ("effect", "ambiguous")
+    probability = best.probability
+    if missing is not None:
+        probability = best.probability if unlisted is None else unlisted
+    elif not named:
+        # Of what is said, that is nothing, and not of a favourite that is not believed.
+        probability = next((one.probability for one in ranked if not one.causes), 0.0)
     return {
         "verdict": answer.answer,
         "cause": best.names[0] if named else "unlisted" if missing else "none",
-        "probability": best.probability if missing is None or unlisted is None else unlisted,
+        "probability": probability,
         "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
         "indistinguishable": list(dict.fromkeys(rivals)),
         "separating_maneuver": _separating(answer),

@@ -85,7 +85,7 @@ def diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(answer, missing, found.unlisted),
+        **entries.verdict(answer, found.ranked, missing, found.unlisted),
         "ranking": entries.ranking(found.ranked, found.missing, found.unlisted),
         "discrepancy": departed.discrepancy(table),
         "alternatives": entries.alternatives(found.ranked),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gcs_sysid.diagnose.verdict import NAMED
 from gcs_sysid.figures import diagnosis
 from gcs_sysid.figures.data import Span
 from gcs_sysid.report import sheet
@@ -170,10 +171,27 @@ def _said(summary: Mapping) -> str:
                 f"{' and '.join(found['depends_on'])}."
             )
         case _:
-            return (
-                "this flight cannot tell: no cause is sure enough to be named, and those of a size "
-                "that matters would not have shown."
-            )
+            return f"this flight cannot tell: {_why_not(summary)}."
+
+
+def _why_not(summary: Mapping) -> str:
+    """Why nothing is said to be wrong and nothing right."""
+    best = summary["ranking"][0]
+    if not summary.get("followed", True):
+        return "the filter cannot follow this simulation through it, so that no cause has a measure"
+    if best["causes"] != ["none"] and best["log_bayes_factor"] >= NAMED:
+        return (
+            f"{_label(best)} fits best, but what took no part in the fit is foretold no better for "
+            "it, so that something else is wrong"
+        )
+    if summary["strained"]:
+        return (
+            "nothing in the catalogue stands out, but values of the file had to go farther than "
+            "its sigmas allow"
+        )
+    return (
+        "no cause is sure enough to be named, and those of a size that matters would not have shown"
+    )
 
 
 def _sentence(text: str) -> str:

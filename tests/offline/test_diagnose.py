@@ -135,6 +135,10 @@ def test_a_simulation_that_the_filter_cannot_follow_accuses_nobody(
     )
     assert found["verdict"] == "insufficient_data"
     assert found["effects"] == []
+    # Coefficients favour a cause, and nothing being wrong is not what is said either.
+    assert found["ranking"][0]["causes"] == ["cg_shift"]
+    assert found["probability"] < 0.1
+    assert "cannot follow" in findings(found)[0].text
     assert found["unlisted"] is None
     assert any("lost the aircraft" in text for text in found["warnings"])
     assert aircraft_file.load(folder / "lost" / "aircraft-extended.toml").mass.cg == (0.0, 0.0, 0.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from gcs_sysid.report import diagnose
 
 
@@ -48,3 +50,22 @@ def test_the_channel_that_gains_most_in_free_flight_is_told() -> None:
 def test_a_gain_in_free_flight_that_is_not_sure_is_not_told() -> None:
     assert "freely" not in gain({"q": channel(0.04, 0.006, 0.02), "p": channel(0.005, 0.009, 0.0)})
     assert "freely" not in gain({})
+
+
+NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"followed": False}, "cannot follow this simulation"),
+        ({"strained": {}}, "actuator_backlash fits best, but what took no part"),
+        ({"ranking": [NOTHING] * 2, "strained": {"Cm.alpha": 4.0}}, "had to go farther"),
+        ({"ranking": [NOTHING] * 2, "strained": {}}, "no cause is sure enough"),
+    ],
+)
+def test_why_a_flight_cannot_tell_is_said(changed: dict[str, Any], why: str) -> None:
+    silent = {"verdict": "insufficient_data", "cause": "none", "explanation": []}
+    found = diagnose.findings({**summary({}), **silent, **changed})
+    assert why in found[0].text
+    assert found[0].text.startswith("this flight cannot tell: ")
