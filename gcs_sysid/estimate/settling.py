@@ -180,9 +180,13 @@ def _path(model: FlightModel, flight: Flight, unknowns: Unknowns) -> Path:
     """The path that the filter predicts, from one along the nominal flight."""
     path = causal.along(flight.rows, flight.nominal, flight.beginning)
     for _ in range(FORERUNS):
-        rows = causal.joined(model, *unknowns, path)
-        path, _, _ = causal.filtered(path, rows)
+        path = _renewed(model, unknowns, path)
     return path
+
+
+def _renewed(model: FlightModel, unknowns: Unknowns, path: Path) -> Path:
+    """The path that the filter predicts, linearised about another."""
+    return causal.filtered(path, causal.joined(model, *unknowns, path))[0]
 
 
 def _turns(
@@ -226,6 +230,8 @@ def _turns(
             break
         values = values + move
         path, means = done.path, _means(first.means, values)
+        if gain + search.gained > QUIET:
+            path = _renewed(model, Unknowns(means, search.log_noise), path)
         if oriented and turn in ORIENTED:
             turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
             search = Search(turned)

@@ -17,7 +17,9 @@ from gcs_sysid.model import actuators, air, runge_kutta
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
-from gcs_sysid.offline.flight import SERVO_STREAM, control_channels, pulses, setting
+from gcs_sysid.offline import servo_outputs
+from gcs_sysid.offline.flight import SERVO_STREAM, setting
+from gcs_sysid.offline.servo_outputs import control_channels, pulses
 from gcs_sysid.reconstruct import measurements
 from gcs_sysid.reconstruct.aided_smoother import Beginning
 from gcs_sysid.reconstruct.reconstruction import Reconstruction
@@ -78,8 +80,8 @@ def prepare(
 ) -> Flight:
     """Rows of the aided filter on the inertial unit's clock, holes filled.
 
-    Without servo outputs the equations of motion are not to be believed anywhere: only the sensors
-    are left to each other.
+    Without servo outputs the equations of motion are not to be believed anywhere, and where these
+    fell silent not there: only the sensors are left to each other.
 
     Args:
         recording: the telemetry, of which servo outputs and engines are read.
@@ -101,6 +103,10 @@ def prepare(
 
     controls = moved(aircraft)
     slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
+
+    known = np.full(time.size, told)
+    if told:
+        known = servo_outputs.known(recording, aircraft, before, time)
 
     def driven(one: Aircraft) -> Float[np.ndarray, "row three engine"]:
         return runge_kutta.inputs(_settings(recording, one, moments))
@@ -128,7 +134,7 @@ def prepare(
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
-        modelled=np.full(time.size, told),
+        modelled=known,
         measured=_measured(measurements.as_shown(data, aircraft.pitot.error.lag), kept, time.size),
     )
     nominal = _nominal(states, time)

@@ -19,24 +19,20 @@ from gcs_sysid.estimate.surface_delay import Delay, surface_delay
 from gcs_sysid.model import actuators, propulsion
 from gcs_sysid.offline import requirements
 from gcs_sysid.offline.measured_surfaces import in_place_of_commands
+from gcs_sysid.offline.servo_outputs import control_channels, pulses
 from gcs_sysid.reconstruct import compatibility, measurements
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.reconstruct.compatibility import Compatibility
+from gcs_sysid.reconstruct.control_history import SERVO_STREAM
 from gcs_sysid.reconstruct.reconstruction import Reconstruction, States, reconstruct
 from gcs_sysid.reconstruct.segments import INPUTS, Segment
-from gcs_sysid.recording import Recording, Stream
+from gcs_sysid.recording import Recording
 from gcs_sysid.sources.registry import open_recording
 
-SERVO_STREAM = "SERVO_OUTPUT_RAW"
 RPM_STREAMS = ("RPM", "ESC_TELEMETRY_1_TO_4", "ESC_STATUS")
 HOLE = 3.5
 BESIDE = 0.2
 """Around a hole of more than `HOLE` samples, this much flight [s] on both sides is not used."""
-STEADY, MOSTLY, MOST_LOST = 0.25, 0.8, 3
-"""A stream has a steady rate if so many of its intervals are the usual one to within this share;
-of it so many messages in a row may be made up for."""
-_LEAST_RATE = 10
-"""Fewer messages have no rate."""
 SHORTEST_INPUTS = 15.0
 """Deliberate inputs shorter than this in all [s] do not tell a delay by themselves."""
 CLOSED_LOOP = 0.03
@@ -283,48 +279,6 @@ def without_controls(aircraft: Aircraft, names: Collection[str]) -> Aircraft:
     }
     kept = tuple(control for control in aircraft.controls if control.name not in names)
     return replace(aircraft, controls=kept, aerodynamics=aerodynamics)
-
-
-def control_channels(aircraft: Aircraft) -> tuple[int, ...]:
-    """Output channels behind the surfaces that any control mixes."""
-    used = {name for control in aircraft.controls for name in control.mix}
-    return tuple(servo.channel for servo in aircraft.servos if servo.surface in used)
-
-
-def pulses(
-    stream: Stream, channels: Sequence[int]
-) -> tuple[Float[np.ndarray, " sample"], dict[int, Float[np.ndarray, " sample"]]]:
-    """Times and pulses [µs] of the samples in which every one of `channels` was reported.
-
-    Messages that a radio has lost are made up for, as the mean of their neighbours: a command that
-    is held instead moves the surface by what it moves in one interval at the wrong time, many times
-    what a gyro sees.
-    """
-    good = np.all([stream.valid(f"pwm_{channel}") for channel in channels], axis=0)
-    time = np.asarray(stream.time)[good]
-    sent = {channel: np.asarray(stream.channels[f"pwm_{channel}"])[good] for channel in channels}
-    if time.size < _LEAST_RATE:
-        return time, sent
-    place = _places(time)
-    every = np.arange(place[-1] + 1)
-    return np.interp(every, place, time), {
-        channel: np.interp(every, place, values) for channel, values in sent.items()
-    }
-
-
-def _places(time: Float[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:
-    """Numbers of the messages that arrived, where those that were lost between them have theirs.
-
-    Of a stream at a steady rate only, and no more than `MOST_LOST` in a row: what is sent when it
-    changes has lost nothing, and longer silence is a hole.
-    """
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    count = np.ones(steps.size, dtype=int)
-    if np.mean(np.abs(steps - usual) < STEADY * usual) > MOSTLY:
-        found = np.rint(steps / usual)
-        count = np.where((found > 1) & (found <= MOST_LOST + 1), found, 1).astype(int)
-    return np.concatenate([[0], np.cumsum(count)])
 
 
 def thrust(recording: Recording, aircraft: Aircraft, states: States) -> Thrust:
