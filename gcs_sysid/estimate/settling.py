@@ -204,7 +204,7 @@ def _turns(
     path = _path(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
-    best, setbacks = _Turn(-np.inf, values, first.log_noise, path), 0
+    best, setbacks = _Turn(-np.inf, values, first.log_noise, path, None), 0
     history: list[float] = []
     before: _Slope | None = None
     for turn in range(turns):
@@ -219,12 +219,12 @@ def _turns(
                 break
             # Too far: a part of the way from the best turn so far, by smaller steps.
             values = best.values + SHORTENED * (values - best.values)
-            path, search, before = best.path, Search(best.log_noise, damping=1.0), None
+            path, search, before = best.path, Search(best.log_noise, damping=1.0), best.slope
             continue
         grown = density - best.density
-        if density > best.density:
-            best = _Turn(density, values, search.log_noise, path)
         move, gain, before = _newton(done, beliefs, values, before)
+        if grown > 0.0:
+            best = _Turn(density, values, search.log_noise, path, before)
         if gain + search.gained < ENOUGH[0] and grown < ENOUGH[1]:
             ended = True
             break
@@ -258,6 +258,7 @@ class _Turn(NamedTuple):
     values: Float[np.ndarray, " parameter"]
     log_noise: Noise
     path: Path
+    slope: _Slope | None
 
 
 class _Slope(NamedTuple):

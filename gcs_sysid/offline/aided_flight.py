@@ -22,6 +22,7 @@ from gcs_sysid.offline.flight import SERVO_STREAM, setting
 from gcs_sysid.offline.servo_outputs import control_channels, pulses
 from gcs_sysid.reconstruct import measurements
 from gcs_sysid.reconstruct.aided_smoother import Beginning
+from gcs_sysid.reconstruct.airborne import settled
 from gcs_sysid.reconstruct.reconstruction import Reconstruction
 from gcs_sysid.recording import Recording
 
@@ -80,8 +81,8 @@ def prepare(
 ) -> Flight:
     """Rows of the aided filter on the inertial unit's clock, holes filled.
 
-    Without servo outputs the equations of motion are not to be believed anywhere, and where these
-    fell silent not there: only the sensors are left to each other.
+    Where servo outputs fell silent, on the ground and just after lift-off the equations of motion
+    are not to be believed, and without servo outputs nowhere: the sensors are left to each other.
 
     Args:
         recording: the telemetry, of which servo outputs and engines are read.
@@ -104,9 +105,10 @@ def prepare(
     controls = moved(aircraft)
     slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
 
-    known = np.full(time.size, told)
+    modelled = np.full(time.size, told)
     if told:
-        known = servo_outputs.known(recording, aircraft, before, time)
+        flown = [(before >= first) & (time <= last) for first, last in settled(recording, aircraft)]
+        modelled = servo_outputs.known(recording, aircraft, before, time) & np.any(flown, axis=0)
 
     def driven(one: Aircraft) -> Float[np.ndarray, "row three engine"]:
         return runge_kutta.inputs(_settings(recording, one, moments))
@@ -134,7 +136,7 @@ def prepare(
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
-        modelled=known,
+        modelled=modelled,
         measured=_measured(measurements.as_shown(data, aircraft.pitot.error.lag), kept, time.size),
     )
     nominal = _nominal(states, time)

@@ -22,6 +22,8 @@ LIFT_OFF = 1.5
 LANDED = 3.0
 """So long below flying speed is a landing [s]; a push over the top of a loop is shorter."""
 SHORTEST_FLIGHT = 5.0
+SETTLING = 5.0
+"""So long after lift-off [s] an autopilot's estimates are not yet to be relied on."""
 
 
 def airborne(recording: Recording, aircraft: Aircraft | None = None) -> tuple[Interval, ...]:
@@ -49,6 +51,17 @@ def airborne(recording: Recording, aircraft: Aircraft | None = None) -> tuple[In
     flying = _with_memory(moving & (smooth > begin), smooth > end)
     spans = [(float(time[first]), float(time[last])) for first, last in _runs(flying)]
     return tuple(span for span in spans if span[1] - span[0] >= SHORTEST_FLIGHT)
+
+
+def settled(recording: Recording, aircraft: Aircraft | None = None) -> tuple[Interval, ...]:
+    """Flight less the first `SETTLING` after each lift-off; a log that begins in the air has none.
+
+    A launch is when an autopilot finds its heading: its attitude may be wrong by tens of degrees.
+    """
+    first = min(float(stream.time[0]) for stream in recording.streams.values() if stream.count)
+    flights = airborne(recording, aircraft)
+    begun = [(start if start < first + 1.0 else start + SETTLING, end) for start, end in flights]
+    return tuple((start, end) for start, end in begun if end > start)
 
 
 def ground_speed(

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.reconstruct.airborne import Interval, airborne, ground_speed
+from gcs_sysid.reconstruct.airborne import Interval, ground_speed, settled
 from gcs_sysid.reconstruct.control_history import ControlHistory, activity, control_history
 from gcs_sysid.reconstruct.excitation import excitations
 from gcs_sysid.reconstruct.measurements import (
@@ -32,8 +32,6 @@ KINDS = (*INPUTS, "turn", "steady", "climb", "stall-approach", "other")
 
 CLOCK = 10.0
 """Rate of the clock on which a flight is cut [Hz]."""
-SETTLING = 5.0
-"""So long after lift-off [s] an autopilot's estimates are not yet to be relied on."""
 SHORTEST = 5.0
 """Shorter pieces of ordinary flight [s] go to a neighbour."""
 SHORTEST_REST = 3.0
@@ -84,7 +82,7 @@ def find(recording: Recording, aircraft: Aircraft | None = None) -> tuple[Segmen
     it changes between turning, climbing, slowing down and neither, in pieces of `SHORTEST` to
     `LONGEST` seconds.
     """
-    flights = _settled(recording, airborne(recording, aircraft))
+    flights = settled(recording, aircraft)
     if not flights:
         return ()
     history = control_history(recording, aircraft)
@@ -98,16 +96,6 @@ def find(recording: Recording, aircraft: Aircraft | None = None) -> tuple[Segmen
     pieces = sorted((_no_landing(one, flights) for one in pieces), key=lambda one: one.start)
     numbered = [replace(piece, id=number) for number, piece in enumerate(pieces, start=1)]
     return with_airspeed(recording, numbered)
-
-
-def _settled(recording: Recording, flights: tuple[Interval, ...]) -> tuple[Interval, ...]:
-    """Flight less the first `SETTLING` after each lift-off; a log that begins in the air has none.
-
-    A launch is when an autopilot finds its heading: its attitude may be wrong by tens of degrees.
-    """
-    first = min(float(stream.time[0]) for stream in recording.streams.values() if stream.count)
-    begun = [(start if start < first + 1.0 else start + SETTLING, end) for start, end in flights]
-    return tuple((start, end) for start, end in begun if end > start)
 
 
 def with_airspeed(recording: Recording, segments: Iterable[Segment]) -> tuple[Segment, ...]:
