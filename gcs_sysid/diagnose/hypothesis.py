@@ -12,6 +12,8 @@ PRIOR_OF_ONE = 0.4
 """Shared by all causes, and by all that a cause may be about."""
 PRIOR_OF_TWO = 0.1
 """Shared by all pairs."""
+PRIOR_OF_MORE = 0.25
+"""Sets of one cause more are together so many times as probable, beside all of these."""
 PRIOR_OF_UNLISTED = 0.05
 """That something is at work that no cause stands for, beside all of these."""
 

@@ -31,6 +31,8 @@ SERVO = {"lag": 0.1, "backlash": 0.025}
 SKEW = 0.07
 """Size [s] at which commands that come late, or early, are first taken: at a tenth of a second the
 effect of a delay on quick inputs is no line."""
+EARLY = 0.03
+"""So much earlier than an inertial unit that low-pass filters its own a message may seem [s]."""
 LEAST = 0.2
 """Share of these below which a servo's change is as good as a line."""
 NEARLY = 0.02
@@ -84,6 +86,7 @@ class Quantities:
         sizes: what shares refer to.
         has: what there is of what causes need.
         streams: whose times may be skewed, with the places where the effect of that is taken.
+        least: what cannot be less, by quantity.
     """
 
     aircraft: Aircraft
@@ -92,6 +95,7 @@ class Quantities:
     sizes: Mapping[str, float]
     has: frozenset[str]
     streams: Mapping[str, tuple[float | None, ...]]
+    least: Mapping[str, float]
 
 
 @dataclass
@@ -235,7 +239,31 @@ def build(
         "Cm_alpha": abs(terms.value("Cm", "alpha")) or 0.5,
         **{f"rate of {name}": value for name, value in flown.rates.items()},
     }
-    return Quantities(terms.complete(), tuple(servos), found, sizes, frozenset(has), streams)
+    return Quantities(
+        terms.complete(),
+        tuple(servos),
+        found,
+        sizes,
+        frozenset(has),
+        streams,
+        _least(aircraft, late),
+    )
+
+
+def _least(aircraft: Aircraft, sensed: Iterable[str]) -> dict[str, float]:
+    """What is less than nothing: a message before its time, the lag of a tube or servo below zero.
+
+    Args:
+        aircraft: what its file states already.
+        sensed: streams of measurements.
+    """
+    stated = {name: aircraft.streams.get(name, StreamTiming()).delay for name in sensed}
+    least = {f"skew.{name}": -EARLY - delay for name, delay in stated.items()}
+    least["airspeed_lag"] = -aircraft.pitot.error.lag
+    for control in aircraft.controls:
+        own = [one.time_constant for one in aircraft.servos if one.surface in control.mix]
+        least[f"lag.{control.name}"] = -max(own, default=0.0)
+    return least
 
 
 def with_term(found: Quantities, coefficient: str, text: str, *, sigma: float) -> Quantities:

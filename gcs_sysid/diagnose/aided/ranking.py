@@ -7,18 +7,19 @@ sigmas the derivatives are off is one more unknown, over which every set is aver
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, Posterior, gained, posterior
 from gcs_sysid.diagnose.hypothesis import (
+    PRIOR_OF_MORE,
     PRIOR_OF_NONE,
     PRIOR_OF_ONE,
     PRIOR_OF_TWO,
@@ -27,14 +28,16 @@ from gcs_sysid.diagnose.hypothesis import (
 )
 
 LISTED = 40
-"""Pairs beyond the most probable sets of this number are not looked at any further."""
+"""Sets of several causes beyond the most probable of this number are not looked at any further."""
 PAIRED = 12
 """So many of the best single causes are tried together with every other."""
+WIDENED, MOST = 6, 4
+"""So many of the best sets of each size are tried with one cause more, up to so many causes."""
 ACCURACIES = {0.05: 0.1, 0.1: 0.1, 0.25: 0.1, 0.5: 0.1, 1.0: 0.5, 2.0: 0.05, 4.0: 0.05}
 """What the file's derivatives may be off by, over the sigmas that it states, and how probable it is
 before the flights."""
 BESIDES = 12.0
-"""Pairs are weighed without the worse accuracies that single causes favour less by so much [nat].
+"""Sets are weighed without the worse accuracies that single causes favour less by so much [nat].
 The better ones stay: what a second cause takes upon itself makes the rest look better."""
 
 
@@ -95,7 +98,7 @@ class _Files:
 def rank(
     data: Information, unknowns: Unknowns, candidates: Sequence[Candidate]
 ) -> tuple[Ranked, ...]:
-    """Sets of up to two causes, the most probable first."""
+    """Sets of causes, the most probable first."""
     accurate = tuple(unknowns.as_accurate(share) for share in ACCURACIES)
     files = _Files(
         accurate,
@@ -109,51 +112,105 @@ def rank(
     likely = (told > told.max() - BESIDES) | (np.arange(told.size) < told.argmax())
     files, nothing = files.kept(likely), nothing[likely]
     tried = [replace(one, evidence=one.evidence[likely]) for one in tried]
-    total = sum({one.candidate.cause.name: one.candidate.cause.weight for one in tried}.values())
-    names = [one.candidate.cause.name for one in tried]
-
-    def share(one: _Tried) -> float:
-        cause = one.candidate.cause
-        return cause.weight / total / names.count(cause.name)
-
-    sets: list[tuple[tuple[_Tried, ...], float, np.ndarray]] = [((), PRIOR_OF_NONE, nothing)]
-    sets += [((one,), PRIOR_OF_ONE * share(one), one.evidence) for one in tried]
-    alone = np.argsort(-files.averaged(np.array([one.evidence for one in tried])))
-    best = set(alone[:PAIRED].tolist())
-    for numbers in itertools.combinations(range(len(tried)), 2):
-        if not best.intersection(numbers):
-            continue
-        pair = tuple(tried[number] for number in numbers)
-        prior = 2.0 * PRIOR_OF_TWO * share(pair[0]) * share(pair[1])
-        sets.append((pair, prior, files.evidence([one.candidate for one in pair])))
-    evidence = np.array([each for _, _, each in sets])
-    favoured = np.argmax(evidence + files.prior, axis=1)
-    averaged = files.averaged(evidence)
-    score = averaged + np.log([prior for _, prior, _ in sets])
+    sets = _sets(files, tried, nothing)
+    listed = [
+        (place, chosen)
+        for place, chosen in enumerate(sets)
+        if place < LISTED or len(chosen.causes) < 2
+    ]
+    averaged = float(files.averaged(nothing[None])[0])
+    ranked = [_ranked(data, files, chosen, averaged) for _, chosen in listed]
+    score = np.array([one.log_bayes_factor + np.log(one.prior) for one in ranked])
     weight = np.exp(score - score.max())
     probability = weight / weight.sum()
     order = np.argsort(-probability, kind="stable")
-    ranked = []
-    for place, index in enumerate(order):
-        causes, prior, _ = sets[index]
-        if place >= LISTED and len(causes) > 1:
-            continue
-        own = files.unknowns[favoured[index]]
-        found = posterior(data, *own.freed([one.candidate for one in causes]))
-        names = [name for one in causes for name in one.candidate.frees]
-        moved = own.along(names, found.mean, found.covariance)
-        ranked.append(
-            Ranked(
-                causes=tuple(one.candidate for one in causes),
-                prior=prior,
-                probability=float(probability[index]),
-                log_bayes_factor=float(averaged[index] - averaged[0]),
-                estimates=tuple(_estimates(one, moved) for one in causes),
-                posterior=found,
-                accuracy=files.accuracies[favoured[index]],
-            )
-        )
-    return tuple(ranked)
+    return tuple(replace(ranked[i], probability=float(probability[i])) for i in order)
+
+
+@dataclass(frozen=True)
+class _Set:
+    """Causes that act together.
+
+    Attributes:
+        causes: what explains most by itself first.
+        prior: probability before the flights.
+        evidence: at each accuracy of the file.
+    """
+
+    causes: tuple[_Tried, ...]
+    prior: float
+    evidence: Float[np.ndarray, " accuracy"]
+
+
+def _sets(
+    files: _Files, tried: Sequence[_Tried], nothing: Float[np.ndarray, " accuracy"]
+) -> list[_Set]:
+    """Sets of causes, the most probable first.
+
+    All of one, all pairs with one of the best, and from there by one cause more at a time. What a
+    further cause makes superfluous is dropped again, since smaller sets stay beside larger ones.
+    """
+    weights = {one.candidate.cause.name: one.candidate.cause.weight for one in tried}
+    names = [one.candidate.cause.name for one in tried]
+    shares = [weights[name] / sum(weights.values()) / names.count(name) for name in names]
+    alone = np.argsort(-files.averaged(np.array([one.evidence for one in tried]))).tolist()
+
+    def of(chosen: tuple[int, ...]) -> _Set:
+        causes = tuple(tried[i] for i in chosen)
+        evidence = causes[0].evidence
+        if len(causes) > 1:
+            evidence = files.evidence([one.candidate for one in causes])
+        together = PRIOR_OF_ONE if len(chosen) == 1 else PRIOR_OF_TWO
+        together *= PRIOR_OF_MORE ** max(len(chosen) - 2, 0) * math.factorial(len(chosen))
+        return _Set(causes, together * math.prod(shares[i] for i in chosen), evidence)
+
+    numbered = {(): _Set((), PRIOR_OF_NONE, nothing)} | {(i,): of((i,)) for i in alone}
+    wanted = [(i, j) for turn, i in enumerate(alone[:PAIRED]) for j in alone[turn + 1 :]]
+    for size in range(2, MOST + 1):
+        numbered |= {chosen: of(chosen) for chosen in wanted}
+        order = _order(files, list(numbered.values()))
+        keys = list(numbered)
+        best = [keys[i] for i in order if len(keys[i]) == size][:WIDENED]
+        wider = {tuple(i for i in alone if i in {*one, j}) for one in best for j in alone}
+        wanted = sorted(chosen for chosen in wider if len(chosen) > size)
+    return [numbered[keys[i]] for i in order]
+
+
+def _order(files: _Files, sets: Sequence[_Set]) -> list[int]:
+    """Places of sets, the most probable first."""
+    averaged = files.averaged(np.array([one.evidence for one in sets]))
+    score = averaged + np.log([one.prior for one in sets])
+    return np.argsort(-score, kind="stable").tolist()
+
+
+def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> Ranked:
+    """A set of causes with its estimates; its probability is still to be told.
+
+    What cannot be, such as a message that comes before what it tells of, is taken off the evidence:
+    by as much as the posterior believes in it, and the prior did.
+    """
+    favoured = int(np.argmax(chosen.evidence + files.prior))
+    own = files.unknowns[favoured]
+    causes = tuple(one.candidate for one in chosen.causes)
+    sigma, mean = own.freed(causes)
+    found = posterior(data, sigma, mean)
+    names = [name for one in causes for name in one.frees]
+    moved = own.along(names, found.mean, found.covariance)
+    possible = 0.0
+    for name in set(names) & set(own.least):
+        index, least = own.names.index(name), own.least[name]
+        before = (mean[index] - least) / sigma[index]
+        after = (moved[name][0] - least) / moved[name][1]
+        possible += float(log_ndtr(after) - log_ndtr(before))
+    return Ranked(
+        causes=causes,
+        prior=chosen.prior,
+        probability=float(np.nan),
+        log_bayes_factor=float(files.averaged(chosen.evidence[None])[0]) - nothing + possible,
+        estimates=tuple(_estimates(one, moved) for one in chosen.causes),
+        posterior=found,
+        accuracy=files.accuracies[favoured],
+    )
 
 
 def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:

@@ -39,6 +39,7 @@ class Unknowns:
         directions: of the quantities, in the parameters.
         sizes: what a cause's shares refer to.
         negligible: deviation that each unknown has in any case, however accurate the file.
+        least: what a quantity cannot be less than, where there is such a limit.
     """
 
     names: tuple[str, ...]
@@ -48,6 +49,7 @@ class Unknowns:
     directions: Float[np.ndarray, "parameter quantity"]
     sizes: Mapping[str, float]
     negligible: Float[np.ndarray, " unknown"]
+    least: Mapping[str, float]
 
     def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Prior standard deviations and means with some causes set free."""
@@ -152,6 +154,7 @@ def of_flights(
     sizes: Mapping[str, float],
     flights: int,
     negligible: Float[np.ndarray, " parameter"],
+    least: Mapping[str, float] | None = None,
 ) -> Unknowns:
     """The unknowns of so many flights.
 
@@ -163,6 +166,7 @@ def of_flights(
         sizes: what a cause's shares refer to.
         flights: how many.
         negligible: deviation that each parameter has in any case.
+        least: limits of quantities; None for none.
     """
     listed = [name for name in names if not _owned(name)]
     sigma = [float(ordinary[i]) for i, name in enumerate(names) if not _owned(name)]
@@ -170,10 +174,10 @@ def of_flights(
         listed += [f"{name} #{number}" for name in names if _owned(name)]
         sigma += [float(ordinary[i]) for i, name in enumerate(names) if _owned(name)]
     place = {name: index for index, name in enumerate(listed)}
-    least = np.zeros(len(listed) + len(quantities))
+    ignored = np.zeros(len(listed) + len(quantities))
     for name, value in zip(names, negligible, strict=True):
         if not _owned(name):
-            least[place[name]] = value
+            ignored[place[name]] = value
     own = tuple(
         np.array([place[f"{name} #{number}" if _owned(name) else name] for name in names])
         for number in range(flights)
@@ -191,7 +195,8 @@ def of_flights(
         len(listed),
         directions,
         sizes,
-        least,
+        ignored,
+        least or {},
     )
 
 

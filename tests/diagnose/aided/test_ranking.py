@@ -94,3 +94,49 @@ def test_probabilities_are_those_of_evidence_averaged_over_accuracies() -> None:
     for one in found:
         odds = one.prior / none.prior * np.exp(one.log_bayes_factor)
         assert one.probability / none.probability == pytest.approx(odds)
+
+
+THIRDS = {
+    "mass": dict.fromkeys(NAMES, -1.0),
+    "term.CX.1": dict.fromkeys(NAMES[: COUNT // 3], -1.0),
+    "thrust": dict.fromkeys(NAMES[COUNT // 3 : 2 * COUNT // 3], 1.0),
+    "airspeed": {NAMES[-1]: 1.0, NAMES[-2]: -1.0},
+}
+"""Four causes that are not alike."""
+FOUR = ("mass", "drag_increase", "thrust_scale", "airspeed_scale")
+
+
+def several(sizes: dict[str, float], least: dict[str, float], seed: int) -> tuple[Ranked, ...]:
+    """What a flight says where several quantities are off, and some cannot be less than so much."""
+    usual = dict.fromkeys(THIRDS, 1e-3)
+    every = unknowns.of_flights(
+        *(NAMES, np.full(COUNT, STATED), THIRDS, usual, {"": 1.0, "CX0": 0.2}),
+        *(1, np.zeros(COUNT), least),
+    )
+    columns = np.eye(COUNT) / SEEN
+    wide = columns @ np.concatenate([np.eye(COUNT), every.directions], axis=1)
+    wrong = np.array([sizes.get(name, 0.0) for name in every.names])
+    noise = np.random.default_rng(seed).standard_normal(COUNT)
+    data = information(wide, wide @ wrong + noise)
+    return rank(data, every, [Candidate(CAUSES[name]) for name in FOUR])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_as_many_causes_are_named_as_there_are(seed: int) -> None:
+    off = {"mass": 0.25, "term.CX.1": -0.3, "thrust": 0.4, "airspeed": 0.2}
+    quantity = dict(zip(FOUR, off, strict=True))
+    for count in (1, 2, 3, 4):
+        there = FOUR[:count]
+        best = several({quantity[name]: off[quantity[name]] for name in there}, {}, seed)[0]
+        assert set(best.names) == set(there)
+
+
+def test_what_cannot_be_is_not_named() -> None:
+    off = {"thrust": -0.4}
+    free, held = several(off, {}, 1), several(off, {"thrust": -0.05}, 1)
+    assert free[0].names == ("thrust_scale",)
+    assert "thrust_scale" not in held[0].names
+    # Where it is possible the limit says so much: that it is what is believed anyway.
+    other = several({"thrust": 0.4}, {"thrust": 0.0}, 1)[0]
+    bare = several({"thrust": 0.4}, {}, 1)[0]
+    assert other.log_bayes_factor - bare.log_bayes_factor == pytest.approx(np.log(2.0), abs=1e-6)
