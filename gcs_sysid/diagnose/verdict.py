@@ -23,21 +23,38 @@ QUIET = 0.7
 """Probability of nothing being wrong from which a flight is called free of causes."""
 SHOWN = 3.0
 """A flight would show a cause of a size that matters if that is so many standard deviations."""
+MENTIONED = 0.2
+"""Probability from which a cause that is not sure is mentioned beside those that are."""
 STRAIN = 3.0
 """A value of the file that had to go further than so many of its sigmas."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer, the set it names (or the best one), and those that explain as much."""
+    """The answer, and what it speaks of.
+
+    Attributes:
+        answer: in one word.
+        best: the set that is named, or the most probable one.
+        indistinguishable: sets that explain as much.
+        ranked: sets of causes, the most probable first, each with those that only add to `best`
+            what is not sure.
+        perhaps: probability of each cause beside those that are named.
+    """
 
     answer: Answer
     best: Ranked
     indistinguishable: tuple[Ranked, ...]
+    ranked: tuple[Ranked, ...]
+    perhaps: Mapping[Candidate, float]
 
 
 def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     """What the ranking allows to say.
+
+    Of several causes that act together some may be sure and others not: named is what all sets have
+    in common that explain about as much, if that by itself is one of them. Otherwise something is at
+    work beside it, and which of them it is cannot be told.
 
     Args:
         ranked: sets of causes, the most probable first.
@@ -45,14 +62,38 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     """
     best = ranked[0]
     if best.causes and best.log_bayes_factor >= NAMED:
-        rivals = tuple(item for item in ranked if _rival(item, best))
-        if rivals:
-            return Verdict("ambiguous", best, (best, *rivals))
-        return Verdict("effect", best, (best,))
+        alike = (best, *(item for item in ranked if _rival(item, best)))
+        sure = set(best.causes).intersection(*(item.causes for item in alike))
+        named = next((item for item in alike if set(item.causes) == sure), None)
+        if named is None:
+            return Verdict("ambiguous", best, alike, tuple(ranked), {})
+        named, rest = _with_its_supersets(ranked, named)
+        return Verdict("effect", named, (named,), (named, *rest), _perhaps(ranked, named))
     enough = sum(shown) * 2 >= len(shown) and len(shown) > 0
     quiet = not best.causes and best.probability >= QUIET
     answer: Answer = "no_effect" if quiet and enough else "insufficient_data"
-    return Verdict(answer, best, ())
+    return Verdict(answer, best, (), tuple(ranked), {})
+
+
+def _with_its_supersets(
+    ranked: Sequence[Ranked], named: Ranked
+) -> tuple[Ranked, tuple[Ranked, ...]]:
+    """A set with the probability of all that hold it, and the others."""
+    holds = [set(named.causes) <= set(item.causes) for item in ranked]
+    total = sum(item.probability for item, held in zip(ranked, holds, strict=True) if held)
+    others = (item for item, held in zip(ranked, holds, strict=True) if not held)
+    return replace(named, probability=total), tuple(others)
+
+
+def _perhaps(ranked: Sequence[Ranked], named: Ranked) -> dict[Candidate, float]:
+    """Probability of each cause that is in sets with the named ones, those worth mentioning."""
+    found: dict[Candidate, float] = {}
+    for item in ranked:
+        if set(named.causes) < set(item.causes):
+            for candidate in set(item.causes) - set(named.causes):
+                found[candidate] = found.get(candidate, 0.0) + item.probability
+    listed = sorted(found.items(), key=lambda each: -each[1])
+    return {candidate: share for candidate, share in listed if share >= MENTIONED}
 
 
 def sustained(answer: Verdict, gained: float) -> Verdict:
@@ -72,7 +113,7 @@ def sustained(answer: Verdict, gained: float) -> Verdict:
 
 
 def _rival(item: Ranked, best: Ranked) -> bool:
-    """Whether a set that is not the best one with more added explains about as much."""
+    """Whether a set that is not the best one or that with more added explains about as much."""
     more = set(best.causes) <= set(item.causes)
     close = _support(best) - _support(item) < RIVAL
     return bool(item.causes) and not more and close and len(item.causes) <= len(best.causes)

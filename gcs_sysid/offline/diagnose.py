@@ -225,8 +225,8 @@ def _diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(answer, final.ranked, missing),
-        "ranking": entries.ranking(final.ranked),
+        **entries.verdict(answer, missing),
+        "ranking": entries.ranking(answer.ranked),
         "discrepancy": _discrepancy(final, fit.problems, corrections)
         if trusted
         else {"airspeed": {"before": 0.01 * before.error, "after": 0.01 * after.error}},

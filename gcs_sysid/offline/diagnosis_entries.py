@@ -17,7 +17,6 @@ LISTED = 12
 
 def verdict(
     answer: Verdict,
-    ranked: Sequence[Ranked],
     missing: Missing | MissingTerm | None,
     unlisted: float | None = None,
 ) -> dict[str, Any]:
@@ -25,7 +24,6 @@ def verdict(
 
     Args:
         answer: of the ranking.
-        ranked: sets of causes, the most probable first.
         missing: a term that nothing listed stands for, where one is asked for.
         unlisted: probability that one is missing, where that is known.
     """
@@ -37,7 +35,7 @@ def verdict(
         probability = best.probability if unlisted is None else unlisted
     elif not named:
         # Of what is said, that is nothing, and not of a favourite that is not believed.
-        probability = next((one.probability for one in ranked if not one.causes), 0.0)
+        probability = next((one.probability for one in answer.ranked if not one.causes), 0.0)
     return {
         "verdict": answer.answer,
         "cause": best.names[0] if named else "unlisted" if missing else "none",
@@ -46,6 +44,7 @@ def verdict(
         "indistinguishable": list(dict.fromkeys(rivals)),
         "separating_maneuver": _separating(answer),
         "effects": list(best.names) if named else ["unlisted"] if missing else [],
+        "perhaps": {one.label: share for one, share in answer.perhaps.items()} if named else {},
         "unlisted": None
         if missing is None
         else {

@@ -228,6 +228,7 @@ class _Asked:
             len(self.flights),
             beliefs.negligible(names, found.aircraft, flow),
             found.least,
+            found.either,
         )
         before = tuple(settled.believed(one, found, vanes=vanes) for one in subjects)
         return _Question(found, every, subjects, names, listed, before, settled.model_of(found))

@@ -99,6 +99,8 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     gain = summary["gain"]
     if summary["explanation"]:
         found.append(Finding("Gain", _gained(gain)))
+    if summary.get("perhaps"):
+        found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))
     others = [item for item in summary["ranking"][1:4]]
     words = "; ".join(f"{_label(item)} {100.0 * item['probability']:.0f} %" for item in others)
     found.append(Finding("Else", f"{words}."))
@@ -106,6 +108,12 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         found.append(Finding("File", _accuracy(summary["file_accuracy"])))
     found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
+
+
+def _perhaps(causes: Mapping) -> str:
+    """What may be at work beside what is sure."""
+    words = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in causes.items())
+    return f"beside what is sure, by its probability: {words}."
 
 
 def _accuracy(share: float) -> str:

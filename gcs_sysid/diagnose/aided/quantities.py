@@ -87,6 +87,7 @@ class Quantities:
         has: what there is of what causes need.
         streams: whose times may be skewed, with the places where the effect of that is taken.
         least: what cannot be less, by quantity.
+        either: pairs of which only one is ever free: two names for one thing.
     """
 
     aircraft: Aircraft
@@ -96,6 +97,7 @@ class Quantities:
     has: frozenset[str]
     streams: Mapping[str, tuple[float | None, ...]]
     least: Mapping[str, float]
+    either: frozenset[frozenset[str]]
 
 
 @dataclass
@@ -239,6 +241,8 @@ def build(
         "Cm_alpha": abs(terms.value("Cm", "alpha")) or 0.5,
         **{f"rate of {name}": value for name, value in flown.rates.items()},
     }
+    # An airspeed that lags is told late; nobody asks for the one beyond the other.
+    lagging = {f"skew.{flown.streams[name]}" for name in ("airspeed",) if name in flown.streams}
     return Quantities(
         terms.complete(),
         tuple(servos),
@@ -247,6 +251,7 @@ def build(
         frozenset(has),
         streams,
         _least(aircraft, late),
+        frozenset(frozenset({"airspeed_lag", name}) for name in lagging),
     )
 
 

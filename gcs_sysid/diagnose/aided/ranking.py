@@ -155,6 +155,10 @@ def _sets(
     shares = [weights[name] / sum(weights.values()) / names.count(name) for name in names]
     alone = np.argsort(-files.averaged(np.array([one.evidence for one in tried]))).tolist()
 
+    def possible(chosen: tuple[int, ...]) -> bool:
+        freed = {name for i in chosen for name in tried[i].candidate.frees}
+        return not any(pair <= freed for pair in files.unknowns[0].either)
+
     def of(chosen: tuple[int, ...]) -> _Set:
         causes = tuple(tried[i] for i in chosen)
         evidence = causes[0].evidence
@@ -167,7 +171,7 @@ def _sets(
     numbered = {(): _Set((), PRIOR_OF_NONE, nothing)} | {(i,): of((i,)) for i in alone}
     wanted = [(i, j) for turn, i in enumerate(alone[:PAIRED]) for j in alone[turn + 1 :]]
     for size in range(2, MOST + 1):
-        numbered |= {chosen: of(chosen) for chosen in wanted}
+        numbered |= {chosen: of(chosen) for chosen in wanted if possible(chosen)}
         order = _order(files, list(numbered.values()))
         keys = list(numbered)
         best = [keys[i] for i in order if len(keys[i]) == size][:WIDENED]

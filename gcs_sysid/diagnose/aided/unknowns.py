@@ -9,7 +9,7 @@ milliseconds more than it says, which is no cause of anything.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,7 @@ class Unknowns:
         sizes: what a cause's shares refer to.
         negligible: deviation that each unknown has in any case, however accurate the file.
         least: what a quantity cannot be less than, where there is such a limit.
+        either: pairs of quantities of which only one is ever free.
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class Unknowns:
     sizes: Mapping[str, float]
     negligible: Float[np.ndarray, " unknown"]
     least: Mapping[str, float]
+    either: frozenset[frozenset[str]]
 
     def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Prior standard deviations and means with some causes set free."""
@@ -155,6 +157,7 @@ def of_flights(
     flights: int,
     negligible: Float[np.ndarray, " parameter"],
     least: Mapping[str, float] | None = None,
+    either: Iterable[frozenset[str]] = (),
 ) -> Unknowns:
     """The unknowns of so many flights.
 
@@ -167,6 +170,7 @@ def of_flights(
         flights: how many.
         negligible: deviation that each parameter has in any case.
         least: limits of quantities; None for none.
+        either: pairs of quantities that are not both free.
     """
     listed = [name for name in names if not _owned(name)]
     sigma = [float(ordinary[i]) for i, name in enumerate(names) if not _owned(name)]
@@ -197,6 +201,7 @@ def of_flights(
         sizes,
         ignored,
         least or {},
+        frozenset(either),
     )
 
 
