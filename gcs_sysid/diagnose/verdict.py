@@ -53,8 +53,8 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     """What the ranking allows to say.
 
     Of several causes that act together some may be sure and others not: named is what all sets have
-    in common that explain about as much, if that by itself is one of them. Otherwise something is at
-    work beside it, and which of them it is cannot be told.
+    in common that explain about as much, if that by itself is one of them. Otherwise something is
+    at work beside it, and which of them it is cannot be told.
 
     Args:
         ranked: sets of causes, the most probable first.
