@@ -145,23 +145,3 @@ def test_deliberate_inputs_tell_the_delay_where_they_are_long_enough() -> None:
     long = [segment(1, "multisine", 1.0, 20.0), segment(2, "turn", 22.0, 39.0)]
     chosen = time[flight._input_rows(time, long)]
     assert (chosen.min(), chosen.max()) == (1.0, pytest.approx(19.98))
-
-
-def test_messages_that_a_radio_lost_are_made_up_for() -> None:
-    """One and three in a row lie on the line between their neighbours; a hole stays one."""
-    sent = 1500.0 + 100.0 * np.sin(3.0 * TIME)
-    kept = np.ones(TIME.size, dtype=bool)
-    kept[[100, 200, 201, 202]] = False
-    kept[300:310] = False
-    stream = Stream("SERVO_OUTPUT_RAW", TIME[kept], TIME[kept], {"pwm_1": sent[kept]})
-    time, found = flight.pulses(stream, (1,))
-    hole = (TIME > TIME[299]) & (TIME < TIME[310])
-    np.testing.assert_allclose(time, TIME[~hole], atol=1e-12)
-    np.testing.assert_allclose(found[1], sent[~hole], atol=1.0)
-    assert np.max(np.abs(found[1][100] - sent[100])) < 0.1
-
-
-def test_what_is_sent_when_it_changes_has_lost_nothing() -> None:
-    time = np.cumsum(np.random.default_rng(3).exponential(0.05, size=200))
-    stream = Stream("SERVO_OUTPUT_RAW", time, time, {"pwm_1": 1500.0 + time})
-    np.testing.assert_array_equal(flight.pulses(stream, (1,))[0], time)

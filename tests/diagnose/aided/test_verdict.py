@@ -45,6 +45,38 @@ def test_two_at_once_are_both_named() -> None:
     assert set(answer.best.names) == {"mass", "cg_shift"}
 
 
+def some(names: tuple[str, ...], probability: float, evidence: float) -> Ranked:
+    """A set of causes by what the verdict asks of it."""
+    causes = tuple(one for one in EVERY if one.cause.name in names)
+    return Ranked(causes, 0.1, probability, evidence, (), Posterior(np.zeros(1), np.eye(1), 0.0))
+
+
+def test_of_causes_that_act_together_those_that_are_sure_are_named() -> None:
+    three = some(("mass", "cg_shift", "airspeed_scale"), 0.5, 41.0)
+    two = some(("mass", "cg_shift"), 0.3, 40.0)
+    other = some(("mass",), 0.1, 30.0)
+    nothing = some((), 0.1, 0.0)
+    answer = verdict.judge((three, two, other, nothing), (True,))
+    assert answer.answer == "effect"
+    assert set(answer.best.names) == {"mass", "cg_shift"}
+    assert answer.best.probability == pytest.approx(0.8)
+    assert {one.cause.name: share for one, share in answer.perhaps.items()} == {
+        "airspeed_scale": pytest.approx(0.5)
+    }
+    assert [item.probability for item in answer.ranked] == pytest.approx([0.8, 0.1, 0.1])
+
+
+def test_where_something_else_is_at_work_and_nobody_knows_what_nothing_is_named() -> None:
+    """Mass with one thing or another beside it, and not alone."""
+    first, second = (
+        some(("mass", "cg_shift"), 0.5, 41.0),
+        some(("mass", "airspeed_scale"), 0.4, 40.0),
+    )
+    answer = verdict.judge((first, second, some(("mass",), 0.1, 30.0)), (True,))
+    assert answer.answer == "ambiguous"
+    assert answer.indistinguishable == (first, second)
+
+
 def test_nothing_wrong_is_called_so() -> None:
     answer, ranked = judged(told({}))
     assert answer.answer == "no_effect"
