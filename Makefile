@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-causes bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -84,6 +84,10 @@ blind: setup
 # What `diagnose` names in the scenarios of replay/: minutes each, finished ones are not repeated.
 bench-causes: setup
 	@$(BIN)/python tests/benchmarks/causes.py $(BENCH)
+
+# What `diagnose` says of a recorded flight of ArduPlane's own simulation: some minutes.
+bench-arduplane: setup
+	@$(BIN)/python tests/benchmarks/arduplane.py $(BENCH)
 
 # Hundreds; finished ones are not repeated: BENCH="--count 200 --start 0 --cause none" for a part.
 campaign: setup
