@@ -19,7 +19,7 @@ from gcs_sysid.estimate.surface_delay import Delay, surface_delay
 from gcs_sysid.model import actuators, propulsion
 from gcs_sysid.offline import requirements
 from gcs_sysid.offline.measured_surfaces import in_place_of_commands
-from gcs_sysid.offline.servo_outputs import control_channels, pulses
+from gcs_sysid.offline.servo_outputs import control_channels, known, pulses
 from gcs_sysid.reconstruct import compatibility, measurements
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.reconstruct.compatibility import Compatibility
@@ -77,15 +77,24 @@ class Flight:
     def pieces(self, kept: Sequence[int] | None = None) -> Int[np.ndarray, " sample"]:
         """Id of the maneuver each sample belongs to; -1 outside, or not among `kept`.
 
-        Samples next to a hole in the telemetry are left out: neither the angular acceleration nor
-        the surfaces are known there.
+        Samples next to a hole in the telemetry are left out, and those after a silence of the servo
+        stream in which a command changed: neither the angular acceleration nor the surfaces are
+        known there.
         """
         piece = np.full(self.samples.time.size, -1)
         for segment in self.segments:
             if kept is None or segment.id in kept:
                 inside = (self.samples.time >= segment.start) & (self.samples.time < segment.end)
                 piece[inside] = segment.id
-        return np.where(beside_holes(self.samples.time), -1, piece)
+        return np.where(_unknown(self.recording, self.aircraft, self.samples.time), -1, piece)
+
+
+def _unknown(
+    recording: Recording, aircraft: Aircraft, time: Float[np.ndarray, " sample"]
+) -> Bool[np.ndarray, " sample"]:
+    """Samples at which the motion is not known, or where surfaces stand and what engines do."""
+    before = np.concatenate([time[:1], time[:-1]])
+    return beside_holes(time) | ~known(recording, aircraft, before, time)
 
 
 def beside_holes(time: Float[np.ndarray, " sample"]) -> Bool[np.ndarray, " sample"]:
@@ -162,9 +171,8 @@ def read(
     absent = _absent(recording, aircraft)
     flown = without_controls(aircraft, absent)
     refused = {name: why for name, why in needed.usable.items() if why is not None}
-    samples, latency = _measured(
-        recording, flown, states, refused, delay or _input_rows(states.time, found)
-    )
+    told = _input_rows(states.time, found) & ~_unknown(recording, flown, states.time)
+    samples, latency = _measured(recording, flown, states, refused, delay or told)
     if delay is None and latency.found and not _deliberate(found):
         wide = float(np.hypot(latency.deviation, CLOSED_LOOP))
         latency = Delay(latency.value, wide, found=True)
