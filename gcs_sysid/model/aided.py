@@ -102,6 +102,7 @@ class Sensors(NamedTuple):
         gyro_bias: [rad/s].
         accelerometer_bias: [m/s²].
         airspeed_scale: indicated = (1 + scale)·true.
+        airspeed_lag: of what is indicated, first order, beyond the aircraft file's [s].
         vane_bias: of angle of attack and sideslip [rad].
         vane_scale: likewise [1].
         surface_delay: of the surfaces behind the servo commands as given [s].
@@ -116,6 +117,7 @@ class Sensors(NamedTuple):
     gyro_bias: Float[Array, " axis"]
     accelerometer_bias: Float[Array, " axis"]
     airspeed_scale: Float[Array, ""]
+    airspeed_lag: Float[Array, ""]
     vane_bias: Float[Array, " two"]
     vane_scale: Float[Array, " two"]
     surface_delay: Float[Array, ""]
@@ -388,11 +390,10 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         return through_air(aircraft, means, at, row, rate, place)
 
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
-    if by is not None or aircraft.pitot.error.lag > 0.0:
-        late = row.measured.age[0] - errors.airspeed_delay
-        shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
-        share = aircraft.pitot.error.lag / TUBE + (0.0 if by is None else by.tube)
-        speed = speed + share * (shown - speed)
+    late = row.measured.age[0] - errors.airspeed_delay
+    shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
+    lag = aircraft.pitot.error.lag + errors.airspeed_lag
+    speed = speed + lag / TUBE * (shown - speed)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
     expected = frames.multiply(frames.exponential(source), turned)

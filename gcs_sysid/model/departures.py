@@ -35,7 +35,6 @@ class Departures(NamedTuple):
         imu_position: of the inertial unit from where the file has it [m].
         heading: indicated less true [rad].
         shear: growth of the steady wind with height [1/s].
-        tube: share of the lag of `aided.State.tube` that the pitot tube has.
     """
 
     mass: Float[Array, ""]
@@ -51,7 +50,6 @@ class Departures(NamedTuple):
     imu_position: Float[Array, " axis"]
     heading: Float[Array, ""]
     shear: Float[Array, ""]
-    tube: Float[Array, ""]
 
 
 def none(aircraft: Aircraft, changes: int) -> Departures:
@@ -71,7 +69,6 @@ def none(aircraft: Aircraft, changes: int) -> Departures:
         imu_position=axes,
         heading=zero,
         shear=zero,
-        tube=zero,
     )
 
 

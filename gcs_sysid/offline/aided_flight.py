@@ -53,6 +53,8 @@ USUAL = 120.0
 """Height [m] that is then taken for the gusts: up to which small aircraft may fly."""
 MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
+AIRSPEED_LAG = 0.1
+"""One standard deviation [s]: of tubing a metre long, and of the filters of autopilots."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
 VELOCITY_ERROR, VELOCITY_ERROR_TIME = 0.05, 4.0
@@ -177,7 +179,7 @@ def first_unknowns(
     force = np.median(states.block("accelerometer_bias"), axis=0)
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     sensors = Sensors(
-        *(jnp.asarray(bias), jnp.asarray(force), zero, pair, pair),
+        *(jnp.asarray(bias), jnp.asarray(force), zero, zero, pair, pair),
         *(zero, zero, zero, zero, zero, zero),
     )
     noise = _first_noise(flight.rows, aircraft, states)
@@ -257,6 +259,7 @@ def beliefs(
         gyro_bias=jnp.full(3, 0.01),
         accelerometer_bias=jnp.full(3, 0.1),
         airspeed_scale=jnp.asarray(aircraft.pitot.error.scale_sigma or 0.03),
+        airspeed_lag=jnp.asarray(aircraft.pitot.error.lag_sigma or AIRSPEED_LAG),
         vane_bias=jnp.full(2, 0.035 * flow),
         vane_scale=jnp.full(2, 0.1 * flow),
         surface_delay=jnp.asarray(servo.sigma or 0.1),

@@ -75,6 +75,8 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
     document["sensor"]["airspeed_scale"] = Estimate(
         float(sensors.airspeed_scale), float(sure.airspeed_scale), "1"
     ).document()
+    lag = flight.aircraft.pitot.error.lag + float(sensors.airspeed_lag)
+    document["sensor"]["airspeed_lag"] = Estimate(lag, float(sure.airspeed_lag), "s").document()
     used = flight.reconstruction.data.used
     for index, name in enumerate(("alpha", "beta")):
         if "vanes" in used:

@@ -42,10 +42,11 @@ MODEL = FlightModel(AIRCRAFT)
 STEP, COUNT = 0.02, 400
 
 
-def unknowns(scale: float) -> Unknowns:
+def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
     """Everything at its true value but the derivatives, which are `scale` times theirs."""
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, *[zero] * 6)
+    lag = jnp.asarray(airspeed_lag)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, lag, pair, pair, *[zero] * 6)
     values = rigid_body.parameters(AIRCRAFT).aerodynamics
     scaled = {
         name: {key: scale * value for key, value in terms.items()} for name, terms in values.items()
@@ -76,10 +77,10 @@ def unknowns(scale: float) -> Unknowns:
     return Unknowns(Means(scaled, sensors), noise)
 
 
-def made_flight() -> Flight:
+def made_flight(airspeed_lag: float = 0.0) -> Flight:
     """Eight seconds with elevator inputs, every noise drawn at its stated size."""
     rng = np.random.default_rng(21)
-    means, logs = unknowns(1.0)
+    means, logs = unknowns(1.0, airspeed_lag)
     noise = aided_smoother.positive(logs)
     time = STEP * np.arange(COUNT)
     elevator = 0.04 * np.sign(np.sin(2.0 * np.pi * 0.9 * time)) - 0.03

@@ -24,6 +24,8 @@ pytestmark = pytest.mark.slow
 
 FIRST, WRONG = made.unknowns(1.0), made.unknowns(0.7)
 DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
+LAG = DERIVATIVES + 7
+"""Of the airspeed, behind two biases of three axes and a scale."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -39,14 +41,16 @@ def _short_chunks() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def found(_short_chunks: None) -> Fit:
-    """From derivatives a third wrong, of which nothing was believed."""
+    """From derivatives a third wrong, of which nothing was believed, and a lag not known."""
     mean = np.asarray(ravel_pytree(WRONG.means)[0])
     sigma = np.where(np.arange(mean.size) < DERIVATIVES, 1e3, 0.0)
+    sigma[LAG] = 0.1
     held = jax.tree.map(jnp.zeros_like, FIRST.log_noise)
     free = held._replace(gyro=jnp.asarray(1.0), accelerometer=jnp.asarray(1.0))
     beliefs = Beliefs(mean, np.diag(sigma**2), Prior(FIRST.log_noise, free))
     every = np.ones(made.COUNT, dtype=bool)
-    return filter_error.fit(made.MODEL, made.made_flight(), WRONG, beliefs, every, lambda _: None)
+    flight = made.made_flight(airspeed_lag=0.2)
+    return filter_error.fit(made.MODEL, flight, WRONG, beliefs, every, lambda _: None)
 
 
 def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
@@ -63,6 +67,12 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
     elevator = found.keys.index(("Cm", "elevator"))
     assert deviation[elevator] < 0.1 * abs(made.TERMS["Cm"]["elevator"])
     assert float(found.unknowns.log_noise.gyro) == pytest.approx(np.log(0.004), abs=0.15)
+
+
+def test_the_lag_of_the_airspeed_is_found(found) -> None:
+    sure, lag = found.deviation.means.sensors.airspeed_lag, found.unknowns.means.sensors
+    assert float(sure) < 0.08
+    assert float(lag.airspeed_lag) == pytest.approx(0.2, abs=3.0 * float(sure))
 
 
 def test_what_no_row_tells_is_infinite() -> None:

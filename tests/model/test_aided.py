@@ -67,7 +67,7 @@ NOISE = Noise(
 
 def means(aircraft: Aircraft) -> Means:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, pair, pair, *[zero] * 6)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6)
     return Means(rigid_body.parameters(aircraft).aerodynamics, sensors)
 
 
@@ -207,11 +207,13 @@ def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
     speed, _, _ = aided.through_air(STONE, known, now, still, rate, STONE.pitot.position)
     filled = aided.filling(STONE, known, now, still, rate)
     np.testing.assert_allclose(filled, [(speed - 21.0) / 0.2])
-    lagging = departures.none(STONE, 0)._replace(tube=jnp.asarray(1.0))
     seen = still._replace(measured=still.measured._replace(airspeed=jnp.asarray([21.0])))
-    left = aided.innovation(STONE, known._replace(departures=lagging), now, seen)
+    slow, half = (
+        known._replace(sensors=known.sensors._replace(airspeed_lag=jnp.asarray(lag)))
+        for lag in (0.2, 0.1)
+    )
+    left = aided.innovation(STONE, slow, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
-    half = known._replace(departures=lagging._replace(tube=jnp.asarray(0.5)))
     left = aided.innovation(STONE, half, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
     # Of a lag that the file states, the tube shows its share as well.

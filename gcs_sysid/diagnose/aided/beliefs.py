@@ -62,6 +62,7 @@ def ordinary(
     usual = {f"sensors.{name}": value for name, value in SENSORS.items()}
     usual |= {
         "sensors.airspeed_scale": AIRSPEED_SCALE if stated is None else stated,
+        "sensors.airspeed_lag": aircraft.pitot.error.lag_sigma or 0.0,
         "sensors.surface_delay": servo.sigma or SERVO_DELAY,
         "departures.mass": aircraft.mass.mass_sigma,
         "departures.inertia": aircraft.mass.inertia_sigma,

@@ -21,7 +21,7 @@ from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, StreamT
 from gcs_sysid.diagnose.cause import Candidate, Cause
 from gcs_sysid.diagnose.causes import actuator_rate_limit, stall
 from gcs_sysid.diagnose.extended import Direction
-from gcs_sysid.model import aided, servo_changes
+from gcs_sysid.model import servo_changes
 from gcs_sysid.model.aided import Means
 
 WASH = 4.0
@@ -159,7 +159,7 @@ def build(
         "heading": {"departures.heading": 1.0},
         "shear": {"departures.shear": 1.0},
         "airspeed": {"sensors.airspeed_scale": 1.0},
-        "airspeed_lag": {"departures.tube": 1.0 / aided.TUBE},
+        "airspeed_lag": {"sensors.airspeed_lag": 1.0},
         "wash": _wash(terms),
     }
     for axis in range(3):
