@@ -51,6 +51,7 @@ class Fit:
         whitened: innovations over the root of their covariance.
         log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the search ended because nothing more was to be gained.
+        moving: how far the last step wanted to move a derivative at most, in its deviations.
         stretch: curvature of the busiest part of the flight.
     """
 
@@ -64,6 +65,7 @@ class Fit:
     whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     converged: bool
+    moving: float
     stretch: Curvature
 
 
@@ -121,6 +123,7 @@ def fit(
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.ended,
+        moving=done.moving,
         stretch=stretch,
     )
 

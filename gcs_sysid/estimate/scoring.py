@@ -4,16 +4,17 @@
 holds the gains, intensities with the parameters held. Steps that hold neither go the rest of the
 way, to where the sums of `likelihood.scores` and the priors balance.
 
-Intensities and the lag of the moments are asked by the slope of the likelihood. Held gains tell
-that lag from the surfaces' delay by next to nothing, and with it the roll derivatives; the
-likelihood knows how gusts and noise come through as well. All other parameters are asked by
-sensitivities at held gains: those hang less on the gusts' spectrum being right, for deviations a
-tenth to a quarter wider than the bound.
+Intensities, the lag of the moments and how late the airspeed is are asked by the slope of the
+likelihood. Held gains tell that lag from the surfaces' delay by next to nothing, and with it the
+roll derivatives, and an airspeed that lags hardly from one that is late; the likelihood knows how
+gusts and noise come through as well. All other parameters are asked by sensitivities at held gains:
+those hang less on the gusts' spectrum being right, for deviations a tenth to a quarter wider than
+the bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,8 +40,13 @@ NEAR = 0.25
 Intensities of what is hardly there go on: less of nothing is still nothing."""
 RENEWED = 100.0
 """Where steps promised more than this together, the instruments are made anew [nat]."""
-SETS = 3
+SETS = 6
 """Times that instruments are made."""
+BY_LIKELIHOOD = ("moment_lag", "airspeed_lag", "airspeed_delay")
+"""Errors of the sensors that are asked by the slope of the likelihood."""
+ONLY_TOGETHER = ("airspeed_lag", "airspeed_delay")
+"""Errors of which the sum is told, and each hardly: while they change places nothing else moves,
+and a search may end."""
 SLACK = 0.5
 """A step may lose so much [nat]: instruments are those of a point nearby."""
 DAMPED = (0.0, 0.1, 1.0, 10.0)
@@ -70,6 +76,8 @@ class Scored:
         whitened: innovations there.
         log_likelihood: of the rows that count, where the steps began and after each.
         ended: whether nothing more was to be gained.
+        moving: how far the last step wanted to move the derivative that it moved most, in its
+            deviations.
     """
 
     unknowns: Unknowns
@@ -80,6 +88,7 @@ class Scored:
     whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     ended: bool
+    moving: float
 
     def scatter(self) -> float:
         """Overdispersion of the parameters' scores."""
@@ -97,7 +106,7 @@ class Scored:
         unit = np.outer(size, size)
         inner = np.linalg.inv((self.curvature.slope / factor + self.precision) / unit)
         found = inner @ (scatter / unit) @ inner.T / unit
-        for lag in np.flatnonzero(_by_likelihood(self.unknowns.means)[self.free[0]]):
+        for lag in np.flatnonzero(_marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
             along = found[:, lag] / found[lag, lag]
             found = found + TIMING**2 * np.outer(along, along)
         return found
@@ -170,13 +179,15 @@ def climbed(
         _Point(settled.values, settled.log_noise, settled.last.path, 0.0, settled.last.whitened),
         np.zeros(len(precision)),
     )
-    history, ended = [here.log_likelihood], False
+    history, ended, moving = [here.log_likelihood], False, np.inf
+    derivatives = found < ravel_pytree(like.aerodynamics)[0].size
+    told = ~_marked(like, ONLY_TOGETHER)[found]
     for number in range(SETS):
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(
             *(model, means, here.log_noise, here.path, settled.fitted, free, sizes),
-            _by_likelihood(like),
+            _marked(like, BY_LIKELIHOOD),
             stretch=None if stretch is None else (stretch, precision),
         )
         curvature = asked.curvature
@@ -188,7 +199,9 @@ def climbed(
             slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
             move = quasi_newton.bounded(matrix, slope, longest)
             promised = 0.5 * float(slope @ move)
-            farthest = float(np.max(np.abs(move / deviation)[: found.size]))
+            shares = np.abs(move / deviation)[: found.size]
+            farthest = float(np.max(shares[told]))
+            moving = float(np.max(shares[derivatives], initial=0.0))
             ended = farthest < NEAR
             if ended:
                 break
@@ -212,6 +225,7 @@ def climbed(
         whitened=here.whitened,
         log_likelihood=tuple(history),
         ended=ended,
+        moving=moving,
     )
 
 
@@ -227,8 +241,9 @@ def _damped(
     return matrix + damping * np.diag(np.abs(np.diagonal(matrix)))
 
 
-def _by_likelihood(like: Means) -> Bool[np.ndarray, " parameter"]:
-    """What held gains know next to nothing of: the lag of the moments."""
+def _marked(like: Means, sensors: Sequence[str]) -> Bool[np.ndarray, " parameter"]:
+    """Which of all parameters these of the sensors are."""
     none = jax.tree.map(jnp.zeros_like, like)
-    chosen = none._replace(sensors=none.sensors._replace(moment_lag=jnp.ones(())))
+    ones = dict.fromkeys(sensors, jnp.ones(()))
+    chosen = none._replace(sensors=none.sensors._replace(**ones))
     return np.asarray(ravel_pytree(chosen)[0]) > 0.0

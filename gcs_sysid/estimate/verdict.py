@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +19,10 @@ WEAK = 0.5
 COLLINEAR = 0.9
 FEEBLE = 0.05
 """A term that makes up less than this share of its coefficient's variation is hardly excited."""
+
+BLURRED = "gusts: the flow and the rotation that the air felt were not measured well enough"
+MOST = 0.5
+"""Share of all slopes."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,21 @@ def judge(fit: CoefficientFit, index: int, believed: float | None) -> Verdict:
     return Verdict(answer, _reason(fit, index, parts))
 
 
+def blurred(fits: Iterable[CoefficientFit]) -> bool:
+    """Whether most slopes are unknown since the flow that the air felt was not measured well."""
+    unknown = [
+        judge(fit, index, None).reason == BLURRED
+        for fit in fits
+        for index, key in enumerate(fit.keys)
+        if key != regressors.CONSTANT
+    ]
+    return sum(unknown) > MOST * len(unknown)
+
+
 def _reason(fit: CoefficientFit, index: int, parts: dict[str, float]) -> str:
     key = fit.keys[index]
     if max(parts, key=lambda name: parts[name]) == "regressor":
-        return "gusts: the flow and the rotation that the air felt were not measured well enough"
+        return BLURRED
     if max(parts, key=lambda name: parts[name]) == "scale":
         return "mass, inertia or thrust are not known well enough"
     partner = collinear_with(fit, index)

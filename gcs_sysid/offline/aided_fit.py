@@ -35,9 +35,10 @@ from gcs_sysid.reconstruct.aided_smoother import FlightModel
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all
 of them."""
-STILL_GROWING = 2.0
-"""A search that has not ended, and whose log-likelihood changed by more than this with its last
-step, has found nothing [nat]: that is two deviations of a parameter."""
+STILL_GROWING, STILL_MOVING = 2.0, 1.5
+"""A search that has not ended has found nothing where its log-likelihood changed by more than this
+with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
+that are told to a hundredth of a thousandth may still be on their way."""
 
 
 class UnsettledError(Exception):
@@ -206,10 +207,11 @@ def _fit(
         fit = filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
     except LostError as error:
         raise UnsettledError(f"{source}: the filter lost the aircraft: {off}") from error
-    if not fit.converged and abs(_grown(fit)) > STILL_GROWING:
+    growing = abs(_grown(fit)) > STILL_GROWING
+    if not fit.converged and growing and fit.moving > STILL_MOVING:
         raise UnsettledError(
             f"{source}: the likelihood of the model inside the filter still changed by "
-            f"{_grown(fit):.0f} a step: {off}"
+            f"{_grown(fit):.0f} a step, and a derivative by {fit.moving:.1f} deviations: {off}"
         )
     return fit
 

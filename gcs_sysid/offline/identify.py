@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.estimate import equation_error, stepwise
+from gcs_sysid.estimate import equation_error, stepwise, verdict
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.offline import (
@@ -203,7 +203,7 @@ def _fitted(
         progress(text, 0.5 + 0.5 * done)
 
     scored = _fit(flights, aircraft, structure, kept, prior)
-    reason = _spared(flights, method) or _unfit(flights)
+    reason = _spared(flights, scored, method) or _unfit(flights)
     if reason is None:
         try:
             inside = aided_fit.identify(flights, aircraft, structure, prior, held_out, share)
@@ -217,13 +217,15 @@ def _fitted(
     return _Found(flights, scored, final, (), reason, ())
 
 
-def _spared(flights: Sequence[Flight], method: Method) -> str | None:
-    """Why the aided filter is not needed; None where it is."""
+def _spared(flights: Sequence[Flight], fitted: AeroModel, method: Method) -> str | None:
+    """Why the aided filter is not needed; None where it is.
+
+    It is in gusts, and where least squares blames them: an airspeed that lags looks like gusts.
+    """
     if method == "equation-error":
         return ASKED
-    if method == "auto" and not any(advice.gusty(one) for one in flights):
-        return CALM
-    return None
+    needed = any(advice.gusty(one) for one in flights) or verdict.blurred(fitted.fits.values())
+    return CALM if method == "auto" and not needed else None
 
 
 def _unfit(flights: Sequence[Flight]) -> str | None:

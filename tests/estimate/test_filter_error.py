@@ -91,6 +91,7 @@ def test_what_no_row_tells_is_infinite() -> None:
         whitened=np.zeros((1, 1)),
         log_likelihood=(0.0,),
         ended=True,
+        moving=0.0,
     )
     bound = filter_error._bound(done, 2)
     np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
@@ -110,6 +111,7 @@ def test_sums_that_move_less_are_known_less() -> None:
         whitened=np.zeros((1, 1)),
         log_likelihood=(0.0,),
         ended=True,
+        moving=0.0,
     )
     np.testing.assert_allclose(done.covariance(), [[1.0]])
 
@@ -133,6 +135,7 @@ def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:
         whitened=np.zeros((1, 1)),
         log_likelihood=(0.0,),
         ended=True,
+        moving=0.0,
     )
     wanted = found + 1e-6 * np.array([[400.0, 20.0], [20.0, 1.0]])
     np.testing.assert_allclose(done.covariance(), wanted, rtol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_sysid.estimate import equation_error
 from gcs_sysid.estimate.result import CoefficientFit, Prior
-from gcs_sysid.estimate.verdict import collinear_with, judge
+from gcs_sysid.estimate.verdict import blurred, collinear_with, judge
 from tests.estimate.made_problems import KEYS, TRUE, coloured, columns, problem
 
 
@@ -63,6 +63,14 @@ def test_errors_of_the_flow_are_named_where_they_are_the_largest_part(matrix: np
     verdict = judge(fitted(matrix, scatter=0.002, error=error), KEYS.index("alpha"), None)
     assert verdict.answer == "no"
     assert verdict.reason.startswith("gusts: ")
+
+
+def test_a_model_is_blurred_where_most_slopes_are(matrix: np.ndarray) -> None:
+    clear = fitted(matrix, scatter=0.002)
+    error = (np.array([0.0, 0.8, 0.8, 0.8]) * matrix.std(axis=0)) ** 2
+    unclear = fitted(matrix, scatter=0.002, error=error)
+    assert blurred([unclear])
+    assert not blurred([clear, unclear])
 
 
 def test_wrong_mass_properties_are_named_where_they_are_the_largest_part(

@@ -23,7 +23,7 @@ from gcs_sysid.aircraft import (
     Value,
 )
 from gcs_sysid.atmosphere import GRAVITY
-from gcs_sysid.model import aided, aided_linear, departures, rigid_body
+from gcs_sysid.model import aided, aided_linear, rigid_body
 from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
