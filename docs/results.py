@@ -23,8 +23,12 @@ part of the repository are left out where these flights are absent.
 
 
 def block(folder: Path = KEPT) -> str:
-    """The short kept tables as Markdown, in the order of their names."""
-    shown = (_markdown(table) for table in _tables(folder) if len(table["rows"]) <= LONGEST)
+    """The short headline tables as Markdown, in the order of their names."""
+    shown = (
+        _markdown(table)
+        for table in _tables(folder)
+        if len(table["rows"]) <= LONGEST and table.get("headline", True)
+    )
     return "\n\n".join([BEGIN, *shown, END])
 
 

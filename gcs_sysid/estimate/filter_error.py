@@ -12,7 +12,7 @@ scores of stretches of flight scatter more than independent innovations would ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -20,12 +20,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import flight_rows, scoring, settling
+from gcs_sysid.estimate import flight_rows, in_common, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
-from gcs_sysid.frames import Array
 from gcs_sysid.model.aided import State
 from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.aided_smoother import FlightModel
@@ -42,8 +41,8 @@ class Fit:
     Attributes:
         unknowns: where the search ended.
         deviation: one standard deviation of each.
-        covariance: of the derivatives, in the order of `keys`.
-        keys: coefficient and regressor of each derivative.
+        covariance: of what flights have in common, in the order of `keys`.
+        keys: coefficient and regressor of each derivative, then those of the body, if it is sought.
         bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
             infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
@@ -57,7 +56,7 @@ class Fit:
 
     unknowns: Unknowns
     deviation: Unknowns
-    covariance: Float[np.ndarray, "term term"]
+    covariance: Float[np.ndarray, "key key"]
     keys: tuple[tuple[str, str], ...]
     bound: Float[np.ndarray, "term term"]
     states: State
@@ -110,14 +109,14 @@ def fit(
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
     )
-    keys = derivative_keys(unknowns.means.aerodynamics)
+    common = in_common.places(unknowns.means)
     covariance, deviation = _covariance(done)
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
-        covariance=covariance[: len(keys), : len(keys)],
-        keys=keys,
-        bound=_bound(done, len(keys)),
+        covariance=covariance[np.ix_(common, common)],
+        keys=in_common.keys(unknowns.means),
+        bound=_bound(done, len(in_common.derivative_keys(unknowns.means.aerodynamics))),
         states=states,
         smoothed=smoothed,
         whitened=done.whitened,
@@ -126,17 +125,6 @@ def fit(
         moving=done.moving,
         stretch=stretch,
     )
-
-
-def derivative_keys(
-    aerodynamics: Mapping[str, Mapping[str, Array]],
-) -> tuple[tuple[str, str], ...]:
-    """Coefficient and regressor of every derivative in the order of the flat vector.
-
-    They come first in it: `Means.aerodynamics` is the first field, and dictionaries are flattened
-    in the order of their sorted keys.
-    """
-    return tuple((name, key) for name in sorted(aerodynamics) for key in sorted(aerodynamics[name]))
 
 
 def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:

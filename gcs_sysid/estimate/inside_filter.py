@@ -1,8 +1,10 @@
 """The aerodynamic model that filter error found, in the form in which all methods are told.
 
 What the flight alone says is the posterior with the prior taken off: Λ_flight = Λ − Λ_prior. Mass
-and inertia are wrong by a factor common to the flight, of which every derivative of a force or of a
-moment takes its share; no filter can see it.
+and inertia are wrong by a factor, of which every derivative of a force or of a moment takes its
+share. Where they are taken as the file has them that share is stated beside the rest; where they
+were found with the derivatives (`in_common.BODY`) it is what the derivatives' deviations would be
+less without them.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from jaxtyping import Float, Int
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS, Aircraft
-from gcs_sysid.estimate import equation_error, plausible
+from gcs_sysid.estimate import equation_error, in_common, plausible
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.equation_error import Problem
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
@@ -30,22 +32,23 @@ Terms = Mapping[str, Mapping[str, float]]
 
 
 class Derivatives(NamedTuple):
-    """All derivatives together.
+    """All derivatives together, and behind them the body where that is sought.
 
     Attributes:
-        keys: coefficient and regressor of each.
+        keys: coefficient and regressor of each, see `in_common`.
         value: of greatest posterior density.
         covariance: of the posterior.
         prior: their prior means.
         precision: of the prior.
-        bound: one standard deviation that no estimate from these flights can beat.
+        bound: of the derivatives, one standard deviation that no estimate from these flights can
+            beat.
     """
 
     keys: tuple[tuple[str, str], ...]
-    value: Float[np.ndarray, " term"]
-    covariance: Float[np.ndarray, "term term"]
-    prior: Float[np.ndarray, " term"]
-    precision: Float[np.ndarray, "term term"]
+    value: Float[np.ndarray, " key"]
+    covariance: Float[np.ndarray, "key key"]
+    prior: Float[np.ndarray, " key"]
+    precision: Float[np.ndarray, "key key"]
     bound: Float[np.ndarray, " term"]
 
 
@@ -86,53 +89,88 @@ def model(
         structure: regressor keys by coefficient.
         pieces: for each flight and sample, the maneuver it belongs to; negative leaves it out.
     """
-    alone, flight_value = _of_flight(found, structure, aircraft)
+    alone = _of_flight(found, structure, aircraft)
     fits = {}
     for name, keys in structure.items():
         problem = equation_error.problem(name, flights, aircraft, keys, pieces)
         rows = [found.keys.index((name, key)) for key in problem.keys]
-        fits[name] = _described(problem, found, rows, alone, flight_value, aircraft, name)
+        fits[name] = _described(problem, found, rows, alone, aircraft, name)
     return AeroModel(fits=fits, controls=aircraft.control_names)
+
+
+class _Alone(NamedTuple):
+    """What flights say without a prior of the derivatives, wide where they say nothing.
+
+    Attributes:
+        value: of each.
+        noise: variance of each with the body known.
+        body: variance that the body's adds; None where the body was not sought.
+    """
+
+    value: Float[np.ndarray, " key"]
+    noise: Float[np.ndarray, " key"]
+    body: Float[np.ndarray, " key"] | None
 
 
 def _of_flight(
     found: Derivatives, structure: Mapping[str, Sequence[str]], aircraft: Aircraft
-) -> tuple[Float[np.ndarray, "term term"], Float[np.ndarray, " term"]]:
-    """Covariance and value by the flights alone, wide where they say nothing."""
+) -> _Alone:
     _, sizes = beliefs(structure, None, aircraft)
-    scale = np.array([sizes[name][key] for name, key in found.keys])
+    of_body = np.array([name == in_common.BODY for name, _ in found.keys])
+    scale = np.array(
+        [1.0 if name == in_common.BODY else sizes[name][key] for name, key in found.keys]
+    )
+    # What is believed of the body stays: no flight tells mass from thrust.
+    taken = np.where(of_body, 0.0, 1.0)
+    prior = found.precision * np.outer(taken, taken)
     precision = np.linalg.inv(found.covariance)
-    seen = (precision - found.precision) * np.outer(scale, scale)
-    roots, vectors = np.linalg.eigh(0.5 * (seen + seen.T))
+    seen = precision - prior
+    covariance = _inverse(seen, scale)
+    value = covariance @ (precision @ found.value - prior @ found.prior)
+    total = np.diagonal(covariance)
+    if not of_body.any():
+        return _Alone(value, total, None)
+    kept = np.flatnonzero(~of_body)
+    noise = np.zeros(scale.size)
+    noise[kept] = np.diagonal(_inverse(seen[np.ix_(kept, kept)], scale[kept]))
+    return _Alone(value, noise, np.maximum(total - noise, 0.0))
+
+
+def _inverse(
+    seen: Float[np.ndarray, "key key"], scale: Float[np.ndarray, " key"]
+) -> Float[np.ndarray, "key key"]:
+    """Covariance of what has this information, in units of `scale`."""
+    unit = seen * np.outer(scale, scale)
+    roots, vectors = np.linalg.eigh(0.5 * (unit + unit.T))
     directions = scale[:, None] * vectors
-    covariance = (directions / np.maximum(roots, UNSEEN)) @ directions.T
-    told = precision @ found.value - found.precision @ found.prior
-    return covariance, covariance @ told
+    return (directions / np.maximum(roots, UNSEEN)) @ directions.T
 
 
 def _described(
     problem: Problem,
     found: Derivatives,
     rows: Sequence[int],
-    alone: Float[np.ndarray, "term term"],
-    flight_value: Float[np.ndarray, " term"],
+    alone: _Alone,
     aircraft: Aircraft,
     name: str,
 ) -> CoefficientFit:
-    chosen = np.ix_(rows, rows)
     baseline = equation_error.solve(problem, None)
     value = found.value[rows]
-    factor = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
-    scale = factor * value
-    covariance = found.covariance[chosen] + np.outer(scale, scale)
+    covariance = found.covariance[np.ix_(rows, rows)]
+    if alone.body is None:
+        factor = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
+        scale = np.abs(factor * value)
+        covariance = covariance + np.outer(factor * value, factor * value)
+    else:
+        scale = np.sqrt(alone.body[rows])
     return replace(
         baseline,
         value=value,
         covariance=covariance,
-        flight_value=flight_value[rows],
+        flight_value=alone.value[rows],
         deviations={
-            "noise": np.sqrt(np.diagonal(alone)[rows]),
-            "scale": np.abs(scale),
+            "noise": np.sqrt(alone.noise[rows]),
+            "scale": scale,
             "regressor": np.zeros(len(rows)),
         },
         white_deviation=found.bound[rows],

@@ -8,17 +8,25 @@ from held-out maneuvers; the model that is kept starts from it and takes in all.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import Aircraft, StreamTiming
-from gcs_sysid.estimate import filter_error, first_guess, flight_rows, inside_filter
+from gcs_sysid.diagnose import extended
+from gcs_sysid.estimate import (
+    filter_error,
+    first_guess,
+    flight_rows,
+    in_common,
+    inside_filter,
+    settling,
+)
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
@@ -27,6 +35,7 @@ from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.model import departures
 from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
@@ -39,6 +48,10 @@ STILL_GROWING, STILL_MOVING = 2.0, 1.5
 """A search that has not ended has found nothing where its log-likelihood changed by more than this
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
 that are told to a hundredth of a thousandth may still be on their way."""
+EXACT = 1e-4
+"""Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
+OFF = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
+"""Why a filter loses an aircraft, or a search does not end."""
 
 
 class UnsettledError(Exception):
@@ -53,6 +66,7 @@ class AidedFlights:
         flights: with the filter's states and the coefficients measured at them.
         scored: the model without the held-out maneuvers.
         final: the model of all.
+        aircraft: with the mass, inertia and thrust that go with the final model.
         fits: of the final model, one a flight.
         notes: what the engineer should know.
     """
@@ -60,6 +74,7 @@ class AidedFlights:
     flights: list[Flight]
     scored: AeroModel
     final: AeroModel
+    aircraft: Aircraft
     fits: tuple[Fit, ...]
     notes: tuple[str, ...]
 
@@ -78,6 +93,8 @@ def identify(
     prior: Mapping[str, Prior] | None,
     held_out: Sequence[int],
     progress: Progress,
+    *,
+    body: bool = False,
 ) -> AidedFlights:
     """Fits the flights, one after the other.
 
@@ -88,6 +105,10 @@ def identify(
         prior: values believed before; None leaves the file's values out, as a start too.
         held_out: ids of maneuvers that the scored model may not learn from.
         progress: told what is being done.
+        body: whether mass, inertia and thrust are found too, starting from what the file says of
+            them and how sure it is, or taken as the file has them. No flight tells a heavy
+            aircraft with much thrust and lift from a light one, but what the rates do to each
+            other tells the inertias' ratios, and thrust that acts off the centre their size.
 
     Raises:
         UnsettledError: the search did not end, on which flight and what to do.
@@ -95,14 +116,15 @@ def identify(
     mean, sigma = inside_filter.beliefs(structure, prior, aircraft)
     start = mean if prior is not None else first_guess.derivatives(aircraft, structure)
     model = FlightModel(aided_flight.with_structure(aircraft, start))
-    prepared = [_prepared(one, start, held_out) for one in flights]
+    prepared = [_prepared(one, start, held_out, body=body) for one in flights]
     steps = 2 * len(prepared)
 
     def told(number: int) -> Callable[[str], None]:
         return lambda text: progress(f"fitting the model: {text}", number / steps)
 
     scored_fits, final_fits = [], []
-    found = _believed(mean, sigma)
+    before = _believed(mean, sigma, aircraft, body=body)
+    found = before
     for number, item in enumerate(prepared):
         first = item.first if number == 0 else _with(item.first, found)
         fit = _fit(model, item, first, found, ~item.held, None, told(number))
@@ -110,7 +132,7 @@ def identify(
         found = _after(found, fit)
     scored = found
     if any(item.held.any() for item in prepared):
-        found = _believed(mean, sigma)
+        found = before
         for number, item in enumerate(prepared):
             first = _with(scored_fits[number].unknowns, scored)
             every = np.ones_like(item.held)
@@ -123,7 +145,7 @@ def identify(
         final_fits = scored_fits
     progress("smoothing with the model", 1.0)
     seen = [
-        _smoothed(model, item, _with(fit.unknowns, scored))
+        _smoothed(model, item, _with(fit.unknowns, scored), _embodied(aircraft, scored))
         for item, fit in zip(prepared, scored_fits, strict=True)
     ]
     samples = [one.samples for one in seen]
@@ -133,6 +155,7 @@ def identify(
         flights=seen,
         scored=inside_filter.model(scored, samples, aircraft, structure, learned),
         final=inside_filter.model(found, samples, aircraft, structure, kept),
+        aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
         notes=(
             *(_cut_short(item) for item in prepared if item.rows.rows.step.size > LONGEST),
@@ -145,7 +168,41 @@ def identify(
     )
 
 
-def _prepared(one: Flight, start: Terms, held_out: Sequence[int]) -> _Prepared:
+def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
+    """A flight that a model has not seen, with the states that the filter knows by that model.
+
+    The model learns nothing: its derivatives are held, and only what is the flight's own, sensor
+    errors, delays and gusts, is found. The processes of a learned model take no part.
+
+    These states know the forces and moments that were measured at the very sample. What the model
+    then says at them agrees with what was measured better than any forecast could.
+
+    Args:
+        one: as reconstructed by kinematics.
+        model: the aerodynamics.
+        progress: told what is being done.
+
+    Raises:
+        UnsettledError: the filter lost the aircraft.
+    """
+    terms = {
+        name: dict(zip(fit.keys, fit.value.tolist(), strict=True))
+        for name, fit in model.fits.items()
+    }
+    flown = FlightModel(aided_flight.with_structure(one.aircraft, terms))
+    item = _prepared(one, terms, (), body=False)
+    count = len(in_common.keys(item.first.means))
+    before = _beliefs(item, item.first, np.zeros((count, count)))
+    rows, counts = _busiest(item.rows, np.ones_like(item.held))
+    done = settling.settle(
+        flown, rows, item.first, before, counts, lambda text: progress(f"smoothing: {text}", 0.9)
+    )
+    if not np.isfinite(done.last.log_likelihood.sum()):
+        raise UnsettledError(_lost(one))
+    return _smoothed(flown, item, settling.at(done, item.first.means), one.aircraft)
+
+
+def _prepared(one: Flight, start: Terms, held_out: Sequence[int], *, body: bool) -> _Prepared:
     states = one.reconstruction
     rows = aided_flight.prepare(one.recording, one.aircraft, states)
     time = states.time[0] + np.cumsum(rows.rows.step)
@@ -153,26 +210,58 @@ def _prepared(one: Flight, start: Terms, held_out: Sequence[int]) -> _Prepared:
     for segment in one.segments:
         if segment.id in held_out:
             held |= (time >= segment.start) & (time < segment.end)
-    return _Prepared(
-        one, rows, held, aided_flight.first_unknowns(rows, one.aircraft, states, start)
-    )
+    first = aided_flight.first_unknowns(rows, one.aircraft, states, start)
+    if body:
+        none = jax.tree.map(
+            lambda part: jnp.asarray(part, jnp.float64), departures.none(one.aircraft, 0)
+        )
+        first = first._replace(means=first.means._replace(departures=none))
+    return _Prepared(one, rows, held, first)
 
 
-def _believed(mean: Terms, sigma: Terms) -> Derivatives:
+def _believed(mean: Terms, sigma: Terms, aircraft: Aircraft, *, body: bool) -> Derivatives:
     """The prior as what is known so far."""
     keys = tuple((name, key) for name in sorted(mean) for key in sorted(mean[name]))
     value = np.array([mean[name][key] for name, key in keys])
     spread = np.array([sigma[name][key] for name, key in keys])
+    bound = spread
+    if body:
+        keys = (*keys, *((in_common.BODY, part) for part in in_common.PARTS))
+        value = np.concatenate([value, np.zeros(len(in_common.PARTS))])
+        spread = np.concatenate([spread, _stated(aircraft)])
     precision = np.diag(1.0 / spread**2)
-    return Derivatives(keys, value, np.diag(spread**2), value, precision, spread)
+    return Derivatives(keys, value, np.diag(spread**2), value, precision, bound)
+
+
+def _stated(aircraft: Aircraft) -> Float[np.ndarray, " part"]:
+    """How sure the file is of mass, inertia and thrust, relative."""
+    mass, inertia = aircraft.mass.mass_sigma, aircraft.mass.inertia_sigma
+    thrust = max((engine.thrust_sigma for engine in aircraft.propulsion), default=0.0)
+    return np.maximum([mass, inertia, inertia, inertia, thrust], EXACT)
+
+
+def _embodied(aircraft: Aircraft, found: Derivatives) -> Aircraft:
+    """The aircraft with the mass, inertia and thrust that were found, if they were sought."""
+    rows = [row for row, (name, _) in enumerate(found.keys) if name == in_common.BODY]
+    if not rows:
+        return aircraft
+    mass, *inertia, thrust = found.value[rows]
+    sure = np.sqrt(np.diagonal(found.covariance)[rows])
+    wrong = {
+        "mass": (mass, sure[0]),
+        "thrust": (thrust, sure[-1]),
+        **{f"inertia.{axis}": (inertia[axis], sure[1 + axis]) for axis in range(3)},
+    }
+    known = extended.corrected(aircraft, wrong)
+    # One number for all axes in the file: that of the one known least.
+    return replace(known, mass=replace(known.mass, inertia_sigma=float(np.max(sure[1:4]))))
 
 
 def _after(before: Derivatives, fit: Fit) -> Derivatives:
     """What is known with one flight more; each flight's information adds to the bound's."""
     if fit.keys != before.keys:
         raise ValueError("derivatives in another order")
-    values = fit.unknowns.means.aerodynamics
-    value = np.array([float(values[name][key]) for name, key in fit.keys])
+    value = in_common.values(fit.unknowns.means)
     first = np.array_equal(np.linalg.inv(before.covariance), before.precision)
     least = np.sqrt(np.diagonal(fit.bound))
     bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
@@ -180,11 +269,8 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
 
 
 def _with(unknowns: Unknowns, found: Derivatives) -> Unknowns:
-    """These unknowns with other derivatives."""
-    values: dict[str, dict[str, jax.Array]] = {}
-    for (name, key), value in zip(found.keys, found.value, strict=True):
-        values.setdefault(name, {})[key] = jnp.asarray(value)
-    return unknowns._replace(means=unknowns.means._replace(aerodynamics=values))
+    """These unknowns with other derivatives, and with another body where that is sought."""
+    return unknowns._replace(means=in_common.with_values(unknowns.means, found.value))
 
 
 def _fit(
@@ -196,24 +282,35 @@ def _fit(
     earlier: Fit | None,
     progress: Callable[[str], None],
 ) -> Fit:
-    rows = item.rows
-    if rows.rows.step.shape[0] > LONGEST:
-        begin = flight_rows.busiest(rows, LONGEST)
-        rows, counts = flight_rows.cut(rows, begin), counts[begin]
-    off = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
-    source, before = item.one.recording.source, _beliefs(item, found)
+    rows, counts = _busiest(item.rows, counts)
+    before = _beliefs(item, _with(item.first, found), found.covariance)
     try:
         stretch = None if earlier is None else earlier.stretch
         fit = filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
     except LostError as error:
-        raise UnsettledError(f"{source}: the filter lost the aircraft: {off}") from error
+        raise UnsettledError(_lost(item.one)) from error
     growing = abs(_grown(fit)) > STILL_GROWING
     if not fit.converged and growing and fit.moving > STILL_MOVING:
         raise UnsettledError(
-            f"{source}: the likelihood of the model inside the filter still changed by "
-            f"{_grown(fit):.0f} a step, and a derivative by {fit.moving:.1f} deviations: {off}"
+            f"{item.one.recording.source}: the likelihood of the model inside the filter still "
+            f"changed by {_grown(fit):.0f} a step, and a derivative by {fit.moving:.1f} "
+            f"deviations: {OFF}"
         )
     return fit
+
+
+def _busiest(
+    rows: flight_rows.Flight, counts: Bool[np.ndarray, " row"]
+) -> tuple[flight_rows.Flight, Bool[np.ndarray, " row"]]:
+    """The part of a flight that is fitted, and which of its rows count."""
+    if rows.rows.step.shape[0] <= LONGEST:
+        return rows, counts
+    begin = flight_rows.busiest(rows, LONGEST)
+    return flight_rows.cut(rows, begin), counts[begin]
+
+
+def _lost(one: Flight) -> str:
+    return f"{one.recording.source}: the filter lost the aircraft: {OFF}"
 
 
 def _grown(fit: Fit) -> float:
@@ -221,22 +318,36 @@ def _grown(fit: Fit) -> float:
     return fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
 
 
-def _beliefs(item: _Prepared, found: Derivatives) -> Beliefs:
-    """What is believed before a flight: its own sensors and gusts, and derivatives as found."""
+def _beliefs(item: _Prepared, centre: Unknowns, known: Float[np.ndarray, "key key"]) -> Beliefs:
+    """What is believed before a flight: its own sensors and gusts, and the aircraft as found.
+
+    Args:
+        item: the flight.
+        centre: unknowns of which those that flights have in common are believed.
+        known: covariance of these.
+    """
+    means = item.first.means
+    count = len(in_common.derivative_keys(means.aerodynamics))
     spread: dict[str, dict[str, float]] = {}
-    for (name, key), value in zip(found.keys, np.diagonal(found.covariance), strict=True):
+    for (name, key), value in zip(
+        in_common.keys(means)[:count], np.diagonal(known)[:count], strict=True
+    ):
         spread.setdefault(name, {})[key] = float(np.sqrt(value))
     vanes = bool(np.asarray(item.rows.rows.measured.valid)[:, 3].any())
     prior, sigma = aided_flight.beliefs(item.first, item.one.aircraft, vanes=vanes, known=spread)
     covariance = np.diag(np.asarray(ravel_pytree(sigma.means)[0]) ** 2)
-    count = len(found.keys)
-    covariance[:count, :count] = found.covariance
-    mean = np.asarray(ravel_pytree(_with(prior, found).means)[0])
-    return Beliefs(mean, covariance, NoisePrior(prior.log_noise, sigma.log_noise))
+    common = in_common.places(means)
+    covariance[np.ix_(common, common)] = known
+    mean = in_common.with_values(prior.means, in_common.values(centre.means))
+    return Beliefs(
+        np.asarray(ravel_pytree(mean)[0]), covariance, NoisePrior(prior.log_noise, sigma.log_noise)
+    )
 
 
-def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight:
-    """The whole flight under a model, its maneuvers held out or not."""
+def _smoothed(
+    model: FlightModel, item: _Prepared, unknowns: Unknowns, aircraft: Aircraft
+) -> Flight:
+    """The whole flight under a model, its maneuvers held out or not, as of this aircraft."""
     states, done = aided_smoother.iterated(
         model, *unknowns, item.rows.rows, item.rows.nominal, item.rows.beginning, rounds=4
     )
@@ -244,7 +355,10 @@ def _smoothed(model: FlightModel, item: _Prepared, unknowns: Unknowns) -> Flight
     late = unknowns.means.sensors.surface_delay
     stated = item.one.aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     return aided_states.refined(
-        item.one,
+        replace(
+            item.one,
+            aircraft=replace(item.one.aircraft, mass=aircraft.mass, propulsion=aircraft.propulsion),
+        ),
         unknowns,
         Delay(stated + float(late), item.one.delay.deviation, found=True),
         jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), states),

@@ -244,7 +244,7 @@ def _white(signal: Float[np.ndarray, "sample axis"]) -> float:
 def beliefs(
     first: Unknowns, aircraft: Aircraft, *, vanes: bool, known: Mapping[str, Mapping[str, float]]
 ) -> tuple[Unknowns, Unknowns]:
-    """Prior means and standard deviations.
+    """Prior means and standard deviations; departures from the file are held at none.
 
     Args:
         first: where the search begins; intensities are believed within factors of it.
@@ -289,9 +289,10 @@ def beliefs(
         name: {key: jnp.asarray(float(known[name][key])) for key in values}
         for name, values in first.means.aerodynamics.items()
     }
+    held = jax.tree.map(jnp.zeros_like, first.means.departures)
     return (
-        Unknowns(Means(first.means.aerodynamics, zeros), first.log_noise),
-        Unknowns(Means(spread, sensors), noise),
+        Unknowns(Means(first.means.aerodynamics, zeros, held), first.log_noise),
+        Unknowns(Means(spread, sensors, held), noise),
     )
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid.aircraft import StreamTiming
+from gcs_sysid.aircraft import Aircraft, StreamTiming
+from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.model import aided
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
@@ -39,6 +40,29 @@ def _innovations(fit: Fit) -> dict[str, float]:
         if seen.size:
             out[name] = float(np.mean(seen**2))
     return out
+
+
+def body(fits: Sequence[Fit], aircraft: Aircraft) -> dict[str, Any]:
+    """Mass, inertia and thrust that were found with the aerodynamics; nothing if not sought.
+
+    Args:
+        fits: one a flight, the last one knowing what the others told.
+        aircraft: as its file describes it.
+    """
+    if not fits:
+        return {}
+    last, stated = fits[-1], aircraft.mass
+    rows = [row for row, (name, _) in enumerate(last.keys) if name == in_common.BODY]
+    by = in_common.values(last.unknowns.means)[rows]
+    sure = np.sqrt(np.diagonal(last.covariance)[rows])
+    sizes = dict(mass=stated.mass, Ixx=stated.Ixx, Iyy=stated.Iyy, Izz=stated.Izz, thrust=1.0)
+    units = {"mass": "kg", "thrust": "1"}
+    return {
+        part: Estimate(
+            sizes[part] * (1.0 + float(share)), sizes[part] * float(sd), units.get(part, "kg·m²")
+        ).document()
+        for (_, part), share, sd in zip((last.keys[row] for row in rows), by, sure, strict=True)
+    }
 
 
 def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> None:

@@ -38,6 +38,7 @@ from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.reconstruct.segments import split
 
 Method = Literal["auto", "filter-error", "equation-error"]
+Body = Literal["file", "flight"]
 ASKED, CALM = "asked for", "calm air, in which least squares does as well in seconds"
 FLIGHT_IDS = 1000
 """Maneuver ids of the second flight start here, those of the third at twice this."""
@@ -56,6 +57,7 @@ def run(
     columns: Path | None = None,
     can: Path | None = None,
     method: Method = "equation-error",
+    body: Body = "file",
 ) -> dict[str, Any]:
     """Identifies an aircraft and writes `model/`, `samples.parquet` and `summary.json` to `out`.
 
@@ -72,6 +74,8 @@ def run(
         can: a CAN log of the same flight; for a single log.
         method: by least squares on coefficients measured with kinematic states, or inside the aided
             filter; by itself the second where gusts would spoil the first.
+        body: whether mass, inertia and thrust are taken as the file has them or, inside the filter,
+            found with the aerodynamics from what the file says of them and how sure it is.
 
     Returns:
         The summary document.
@@ -92,7 +96,9 @@ def run(
     believed = file_prior(described) if prior == "file" else None
     structure = _structure(flights, described, by_data=stepwise)
     kept, held_out = split([item for one in flights for item in one.segments])
-    found = _fitted(flights, described, structure, believed, (kept, held_out), method, progress)
+    found = _fitted(
+        flights, described, structure, believed, (kept, held_out), method, body, progress
+    )
     scored = learned.beside(found.scored, found.flights, kept)
     found = found._replace(
         scored=scored, final=learned.after_all(found.final, scored, found.flights)
@@ -100,9 +106,10 @@ def run(
     table = samples_table.table(found.flights, found.scored, held_out)
     delay = sum(one.delay.value for one in found.flights) / len(flights)
     provenance = summary.flights_document(found.flights)
-    model_store.save(
-        out / "model", model_store.StoredModel(found.final, described, delay, provenance)
+    stored = model_store.StoredModel(
+        found.final, found.aircraft, delay, provenance, inside_filter=bool(found.fits)
     )
+    model_store.save(out / "model", stored)
     documents.write_table(out / "samples.parquet", table)
     document = _document(found, described, table, held_out, prior)
     done = clock.perf_counter()
@@ -177,12 +184,14 @@ def _structure(
 class _Found(NamedTuple):
     """Models, and the flights with the states that they were made from.
 
-    `fits` are those inside the filter, none where coefficients were fitted; `reason` says why not.
+    `aircraft` is the one that goes with the final model. `fits` are those inside the filter, none
+    where coefficients were fitted; `reason` says why not.
     """
 
     flights: Sequence[Flight]
     scored: AeroModel
     final: AeroModel
+    aircraft: Aircraft
     fits: Sequence[Fit]
     reason: str | None
     notes: Sequence[str]
@@ -195,6 +204,7 @@ def _fitted(
     prior: Mapping[str, Prior] | None,
     parts: tuple[Sequence[int], Sequence[int]],
     method: Method,
+    body: Body,
     progress: Progress,
 ) -> _Found:
     kept, held_out = parts
@@ -206,15 +216,18 @@ def _fitted(
     reason = _spared(flights, scored, method) or _unfit(flights)
     if reason is None:
         try:
-            inside = aided_fit.identify(flights, aircraft, structure, prior, held_out, share)
+            inside = aided_fit.identify(
+                flights, aircraft, structure, prior, held_out, share, body=body == "flight"
+            )
             return _Found(
-                inside.flights, inside.scored, inside.final, inside.fits, None, inside.notes
+                *(inside.flights, inside.scored, inside.final, inside.aircraft),
+                *(inside.fits, None, inside.notes),
             )
         except UnsettledError as error:
             reason = str(error)
     share("fitting the model", 1.0)
     final = _fit(flights, aircraft, structure, None, prior)
-    return _Found(flights, scored, final, (), reason, ())
+    return _Found(flights, scored, final, aircraft, (), reason, ())
 
 
 def _spared(flights: Sequence[Flight], fitted: AeroModel, method: Method) -> str | None:
@@ -270,6 +283,7 @@ def _document(
         "coefficients": summary.scores(table, table["held_out"], refused),
         "derivatives": found,
         "method": aided_summary.method(made.fits, made.reason),
+        "mass_properties": aided_summary.body(made.fits, aircraft),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
         "maneuvers": summary.maneuvers(flights, held_out),

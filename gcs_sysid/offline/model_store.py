@@ -52,12 +52,14 @@ class StoredModel:
         aircraft: as its file described it.
         surface_delay: delay of the surfaces found in the flights [s].
         provenance: flights it was made from.
+        inside_filter: whether it was found inside the aided filter, whose states it goes with.
     """
 
     model: AeroModel
     aircraft: Aircraft
     surface_delay: float
     provenance: list[dict[str, Any]]
+    inside_filter: bool = False
 
 
 def save(directory: Path, stored: StoredModel) -> None:
@@ -93,6 +95,7 @@ def save(directory: Path, stored: StoredModel) -> None:
             "process": process,
             "surface_delay": stored.surface_delay,
             "flights": stored.provenance,
+            "inside_filter": stored.inside_filter,
         },
     )
 
@@ -131,12 +134,14 @@ def load(directory: Path) -> StoredModel:
                 model = learned.from_arrays(model, header["process"], arrays)
         delay = float(header["surface_delay"])
         provenance = list(header["flights"])
+        # Models of before this was told came with kinematic states as often as not.
+        inside = bool(header.get("inside_filter", False))
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(
             str(directory), f"the model is damaged ({error})", fix="run `gcs-sysid identify` again"
         ) from error
     aircraft = aircraft_file.load(directory / "aircraft.toml")
-    return StoredModel(model, aircraft, delay, provenance)
+    return StoredModel(model, aircraft, delay, provenance, inside)
 
 
 def _header(directory: Path) -> dict[str, Any]:

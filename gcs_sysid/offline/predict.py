@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time as clock
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import (
     advice,
+    aided_fit,
     documents,
     flight,
     maneuver_choice,
@@ -18,7 +20,12 @@ from gcs_sysid.offline import (
     samples_table,
     summary,
 )
-from gcs_sysid.offline.flight import Progress
+from gcs_sysid.offline.aided_fit import UnsettledError
+from gcs_sysid.offline.flight import Flight, Progress
+
+Method = Literal["auto", "filter-error", "kinematic"]
+ASKED, CALM = "asked for", "calm air, in which kinematics know the flow"
+OUTSIDE = "the model was made from kinematic states, and goes with them"
 
 
 def run(
@@ -31,12 +38,15 @@ def run(
     progress: Progress,
     columns: Path | None = None,
     can: Path | None = None,
+    method: Method = "auto",
 ) -> dict[str, Any]:
     """Predicts a flight and writes `predictions.parquet` and `summary.json` to `out`.
 
     The surfaces' delay is the one found when the model was made; everything else of the flight is
     reconstructed anew. `columns` says what the columns are where the log is a table, `can` is a
-    CAN log of the same flight; surfaces whose position it measured have no delay.
+    CAN log of the same flight; surfaces whose position it measured have no delay. `method` says
+    whether states are those of kinematics, or those of the filter that holds the model; by itself
+    the second in gusts, if the model was made that way.
 
     Raises:
         InputError: the log or the model cannot be used.
@@ -54,6 +64,7 @@ def run(
         can=can,
         measured=True,
     )
+    one, reason = _with_states(one, stored, method, progress)
     everything = [item.id for item in one.segments]
     table = samples_table.table([one], stored.model, everything, unseen=True)
     documents.write_table(out / "predictions.parquet", table)
@@ -68,6 +79,7 @@ def run(
         **summary.header("predict", stored.aircraft, "model"),
         "flights": summary.flights_document([one]),
         "model": {"flights": stored.provenance},
+        "method": {"name": "filter_error" if reason is None else "kinematic", "reason": reason},
         "coefficients": summary.scores(table, table["maneuver"] >= 0, refused),
         "derivatives": summary.derivatives(stored.model, stored.aircraft),
         "reconstruction": summary.reconstruction(one),
@@ -86,6 +98,25 @@ def run(
     }
     documents.write_json(out / "summary.json", document)
     return documents.plain(document)
+
+
+def _with_states(
+    one: Flight, stored: model_store.StoredModel, method: Method, progress: Progress
+) -> tuple[Flight, str | None]:
+    """The flight with the states asked for, and why these are not the filter's, if so."""
+    if method == "kinematic":
+        return one, ASKED
+    if method == "auto" and not stored.inside_filter:
+        return one, OUTSIDE
+    if method == "auto" and not advice.gusty(one):
+        return one, CALM
+    known = set(one.samples.measured) & set(stored.model.fits)
+    if lacking := [name for name in COEFFICIENTS if name not in known]:
+        return one, f"{', '.join(lacking)} refused"
+    try:
+        return aided_fit.seen_by(one, stored.model, progress), None
+    except UnsettledError as error:
+        return one, str(error)
 
 
 def _beyond(table: dict[str, np.ndarray], stored: model_store.StoredModel) -> list[str]:

@@ -18,7 +18,14 @@ from pathlib import Path
 KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
-def show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+def show(
+    name: str,
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    *,
+    headline: bool = True,
+) -> None:
     """Prints a table; with `--save` on the command line also keeps it as docs/results/NAME.json.
 
     Args:
@@ -26,6 +33,7 @@ def show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[
         title: one sentence that says what was measured on what.
         columns: their headings.
         rows: one entry a column; numbers already rounded as they should be read.
+        headline: whether the README shows it too, if it is short.
     """
     cells = [[str(cell) for cell in row] for row in rows]
     assert all(len(row) == len(columns) for row in cells)
@@ -37,6 +45,8 @@ def show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[
         )
     if "--save" in sys.argv:
         document = {"title": title, "columns": list(columns), "rows": cells}
+        if not headline:
+            document["headline"] = False
         KEPT.mkdir(exist_ok=True)
         text = json.dumps(document, indent=2, ensure_ascii=False)
         (KEPT / f"{name}.json").write_text(text + "\n", encoding="utf-8")

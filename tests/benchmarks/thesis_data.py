@@ -7,7 +7,7 @@ import io
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,16 @@ from gcs_sysid.aircraft import COEFFICIENTS, Aircraft  # noqa: E402
 from gcs_sysid.cli import entry  # noqa: E402
 from gcs_sysid.gp import fitting  # noqa: E402
 from gcs_sysid.gp.fitting import Data, Effort, Fitted  # noqa: E402
+from gcs_sysid.gp.learning import Structure  # noqa: E402
+from gcs_sysid.gp.refresh import Settings  # noqa: E402
 
+EFFORT = Effort(
+    settings=Settings(
+        structure=Structure(latents=2), points=250, rows=600, scaffold=25, starts=2, steps=60
+    ),
+    always=True,
+)
+Row = tuple[object, ...]
 MOTION = ("alpha", "beta", "phat", "qhat", "rhat")
 Table = Mapping[str, np.ndarray]
 
@@ -143,3 +152,19 @@ def nlpd(found: np.ndarray, deviation: np.ndarray, wanted: np.ndarray) -> np.nda
 def coverage(found: np.ndarray, deviation: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Share inside 95 % intervals of each column."""
     return np.mean(np.abs(wanted - found) < 1.959964 * deviation, axis=0)
+
+
+def rounded(values: np.ndarray) -> list[str]:
+    """Percentages as they are read."""
+    return [f"{value:.1f}" for value in values]
+
+
+def means(cells: np.ndarray) -> tuple[str, str]:
+    """Of the cells of forces, and of those of moments, one row a flight."""
+    return f"{cells[:, :3].mean():.1f}", f"{cells[:, 3:].mean():.1f}"
+
+
+def with_structure(effort: Effort, *, latents: int, local: bool) -> Effort:
+    """The same effort on processes with so many shared ones, with or without a local part."""
+    structure = Structure(latents=latents)
+    return replace(effort, settings=replace(effort.settings, structure=structure), local=local)

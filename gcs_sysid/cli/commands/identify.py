@@ -32,6 +32,14 @@ WRITES = ("model", "summary.json", "samples.parquet", "report.html")
     "kinematic states, seconds, for calm air. By itself it goes by the gusts.",
 )
 @click.option(
+    "--mass-properties",
+    type=click.Choice(["file", "flight"]),
+    default="file",
+    show_default=True,
+    help="Mass, inertia and thrust as the aircraft file has them or, with filter error, found with "
+    "the aerodynamics, starting from the file's values and how sure it is of them.",
+)
+@click.option(
     "--stepwise", is_flag=True, help="Choose the model's terms from the data, step by step."
 )
 @options.segments
@@ -46,6 +54,7 @@ def command(
     aircraft: Path,
     prior: Literal["file", "none"],
     method: Literal["auto", "filter-error", "equation-error"],
+    mass_properties: Literal["file", "flight"],
     stepwise: bool,
     segments: Path | None,
     vehicle: int | None,
@@ -72,6 +81,7 @@ def command(
             aircraft,
             prior=prior,
             method=method,
+            body=mass_properties,
             segments=segments,
             vehicle=vehicle,
             columns=columns,

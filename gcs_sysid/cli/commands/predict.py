@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -14,6 +15,14 @@ WRITES = ("predictions.parquet", "summary.json", "report.html")
 @click.command("predict")
 @options.log
 @options.model
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "filter-error", "kinematic"]),
+    default="auto",
+    show_default=True,
+    help="States of the flight: by a filter that holds the model and so tells gusts from motion, "
+    "or by kinematics alone. By itself the filter's in gusts, if the model was made inside it.",
+)
 @options.segments
 @options.vehicle
 @options.columns
@@ -24,6 +33,7 @@ WRITES = ("predictions.parquet", "summary.json", "report.html")
 def command(
     log: Path,
     model: Path,
+    method: Literal["auto", "filter-error", "kinematic"],
     segments: Path | None,
     vehicle: int | None,
     columns: Path | None,
@@ -45,6 +55,7 @@ def command(
         summary = predict.run(
             log,
             model,
+            method=method,
             vehicle=vehicle,
             columns=columns,
             can=can,

@@ -1,0 +1,345 @@
+"""The Brumby in gusts: one flight to learn from, three to foretell, beside the published cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.gp import exact, fitting, samples
+from gcs_sysid.gp.fitting import Fitted
+from gcs_sysid.offline import model_store
+from tests.benchmarks import table, thesis_figure
+from tests.benchmarks import thesis_data as flights
+from tests.benchmarks.thesis_data import EFFORT, ROOT, Flight, Row, rounded, with_structure
+
+BRUMBY = ROOT / "data" / "aircraft" / "brumby_mk3.toml"
+TESTED = ("4", "5", "6")
+DRAWN = "5"
+PUBLISHED = {
+    "4": (19.195, 23.278, 18.365, 23.364, 22.265, 28.173),
+    "5": (20.792, 24.733, 19.925, 28.432, 19.891, 23.714),
+    "6": (17.127, 19.847, 15.174, 24.691, 17.730, 26.245),
+}
+"""Hemakumara, *UAV Parameter Estimation with Gaussian Process Approximations*, Univ. of Sydney,
+table 5.4: flight against the combined approximation, against measured coefficients [%]."""
+WAYS = {
+    "filter": ("--method", "filter-error", "--mass-properties", "flight"),
+    "filter, file's inertia": ("--method", "filter-error"),
+    "kinematic": ("--method", "equation-error"),
+}
+"""States that samples are made from, and how `identify` is asked for them."""
+COLUMNS = ("method", "states", *COEFFICIENTS, "forces", "moments")
+Answer = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Method:
+    """What says the coefficients of a flight.
+
+    Attributes:
+        name: of the model.
+        states: those that it was learned at, and is asked at where the truth is not.
+        ask: mean and one standard deviation of the coefficients at inputs.
+        whole: whether the deviation is that of a measured value, its noise included.
+    """
+
+    name: str
+    states: str
+    ask: Callable[[np.ndarray], Answer]
+    whole: bool = False
+
+
+def brumby(out: Path) -> None:
+    """Table 5.4 and what stands beside it."""
+    if not (out / "flight_6_truth.npz").exists():
+        flights.run("sitl", "--scenario", ROOT / "replay/brumby/scenario.toml", "--out", out)
+    described = aircraft_file.load(BRUMBY)
+    inputs = flights.names(described)
+    first = {states: _learned_from(out, states) for states in WAYS}
+    plain = {states: _polynomial(out / _folder(states)) for states in WAYS}
+    tested = {states: _tested(out, states) for states in ("filter", "kinematic")}
+    methods = _methods(first, plain, inputs)
+    _against_measured(methods, tested, inputs)
+    _against_truth(methods, tested["filter"], inputs)
+    _calibrated(methods, tested, inputs)
+    flight = tested["filter"][DRAWN]
+    begins = float(np.quantile(flight.table["t"], 0.4))
+    drawn = {one.name: one.ask for one in methods if one.states == "filter"}
+    thesis_figure.draw(drawn, flight, inputs, begins, out / "figure_5_11.svg")
+    print(f"Figure 5.11, flight {DRAWN}: {out / 'figure_5_11.svg'}")
+    _disturbed(first["filter"], tested["filter"], inputs)
+
+
+def _folder(states: str) -> str:
+    return "identify_" + states.split(",")[0] + ("_file" if "," in states else "")
+
+
+def _learned_from(out: Path, states: str) -> Flight:
+    """The flight to learn from."""
+    model = out / _folder(states)
+    if not (model / "samples.parquet").exists():
+        asked = ("--aircraft", BRUMBY, "--prior", "none", "--out", model)
+        flights.run("identify", out / "flight_1.tlog", *asked, *WAYS[states])
+    return flights.load(model / "samples.parquet", out / "flight_1_truth.npz", BRUMBY)
+
+
+def _tested(out: Path, states: str) -> dict[str, Flight]:
+    """The other flights, with the model of the first inside the filter, or without."""
+    found = {}
+    for number in TESTED:
+        to = out / f"predict_{states}_{number}"
+        log, truth = out / f"flight_{number}.tlog", out / f"flight_{number}_truth.npz"
+        method = "filter-error" if states == "filter" else "kinematic"
+        if not (to / "predictions.parquet").exists():
+            asked = ("--model", out / _folder(states), "--method", method, "--out", to)
+            flights.run("predict", log, *asked)
+        found[number] = flights.load(to / "predictions.parquet", truth, BRUMBY)
+    return found
+
+
+def _polynomial(model: Path) -> AeroModel:
+    """What `identify` fitted, without the processes that it may have kept."""
+    stored = model_store.load(model).model
+    return AeroModel(stored.fits, stored.controls)
+
+
+def _methods(
+    first: Mapping[str, Flight], plain: Mapping[str, AeroModel], inputs: Sequence[str]
+) -> list[Method]:
+    """All that are compared, in the order of the tables."""
+    found = []
+    for states in ("filter", "kinematic"):
+        flight = first[states]
+        mean = flight.measured.mean(axis=0)
+        combined = flights.learned(flight, inputs, EFFORT)
+        alone = replace(combined, use_local=np.zeros(6, dtype=bool), local=None)
+        zero = {"combined, zero mean": combined}
+        if states == "filter":
+            single = with_structure(EFFORT, latents=0, local=False)
+            zero = {
+                "full dependent GP, 250 places": _full(combined, flight, inputs),
+                "combined, zero mean": combined,
+                "global only, zero mean": alone,
+                "independent GPs, zero mean": flights.learned(flight, inputs, single),
+            }
+        found += [Method(name, states, _asked(one, mean)) for name, one in zero.items()]
+        if states == "filter":
+            beside = _beside(plain[states], flight, inputs)
+            found.append(Method("combined on the polynomial", states, beside))
+            line = _line(flight.inputs(inputs), flight.measured)
+            found.append(Method("least squares, straight line", states, line, whole=True))
+    found += [Method("polynomial", states, _stored(plain[states], inputs)) for states in WAYS]
+    best = flights.learned(first["filter"], inputs, EFFORT, truth=True)
+    mean = first["filter"].measured.mean(axis=0)
+    return [*found, Method("combined, zero mean", "true", _asked(best, mean))]
+
+
+def _full(found: Fitted, flight: Flight, inputs: Sequence[str]) -> Fitted:
+    """The exact process with the combined one's hyper-parameters, on 250 places of the flight."""
+    data = flights.data(flight, inputs)
+    step = data.piece.size // 250
+    rows = samples.rows(
+        found.scaling, data.inputs[::step], data.values[::step], data.variance[::step]
+    )
+    points, values, own = exact.observed(rows)
+    total = own + np.asarray(found.base.noise)[points.output]
+    known = exact.condition(found.base.kernel, points, values, total)
+    return replace(found, posterior=known, use_local=np.zeros(6, dtype=bool), local=None)
+
+
+def _asked(found: Fitted, mean: np.ndarray) -> Callable[[np.ndarray], Answer]:
+    def ask(where: np.ndarray) -> Answer:
+        belief = fitting.predict(found, where)
+        return mean + belief.mean, np.sqrt(belief.variance + found.discrepancy)
+
+    return ask
+
+
+def _beside(
+    plain: AeroModel, flight: Flight, inputs: Sequence[str]
+) -> Callable[[np.ndarray], Answer]:
+    """Both parts of the process on what the polynomial leaves, whether they earn it or not."""
+    where = flight.inputs(inputs)
+    values = dict(zip(inputs, where.T, strict=True))
+    said = _stored(plain, inputs)
+    slopes = np.zeros((where.shape[0], len(COEFFICIENTS), len(inputs)))
+    for row, name in enumerate(COEFFICIENTS):
+        for column, variable in enumerate(inputs):
+            if variable in plain.depends_on(name):
+                slopes[:, row, column] = plain.derivative(name, variable, values).mean
+    left = flight.measured - said(where)[0]
+    found = fitting.fit(replace(flights.data(flight, inputs), values=left, slopes=slopes), EFFORT)
+
+    def ask(where: np.ndarray) -> Answer:
+        mean, deviation = said(where)
+        belief = fitting.predict(found, where)
+        return mean + belief.mean, np.sqrt(deviation**2 + belief.variance + found.discrepancy)
+
+    return ask
+
+
+def _line(inputs: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], Answer]:
+    columns = np.concatenate([np.ones((inputs.shape[0], 1)), inputs], axis=1)
+    slope = np.linalg.lstsq(columns, values, rcond=None)[0]
+    left = np.std(values - columns @ slope, axis=0)
+
+    def ask(where: np.ndarray) -> Answer:
+        found = np.concatenate([np.ones((where.shape[0], 1)), where], axis=1) @ slope
+        return found, np.broadcast_to(left, found.shape)
+
+    return ask
+
+
+def _stored(model: AeroModel, inputs: Sequence[str]) -> Callable[[np.ndarray], Answer]:
+    def ask(where: np.ndarray) -> Answer:
+        found = model.predict(dict(zip(inputs, where.T, strict=True)), measured=True)
+        return (
+            np.stack([found[name].mean for name in COEFFICIENTS], axis=1),
+            np.stack([found[name].deviation for name in COEFFICIENTS], axis=1),
+        )
+
+    return ask
+
+
+def _against_truth(
+    methods: Sequence[Method], tested: Mapping[str, Flight], inputs: Sequence[str]
+) -> None:
+    rows: list[Row] = []
+    for one in methods:
+        cells = np.array(
+            [
+                flights.error(one.ask(flight.true_inputs)[0], flight.true_values)
+                for flight in tested.values()
+            ]
+        )
+        rows.append((one.name, one.states, *rounded(cells.mean(axis=0)), *flights.means(cells)))
+    table.show(
+        "thesis_truth",
+        "Brumby in gusts of 8 to 15 kt winds, learnt from one flight: 100·std(model − truth)/"
+        "std(truth) on three others, both at what the aerodynamics felt, %",
+        COLUMNS,
+        rows,
+    )
+
+
+def _against_measured(
+    methods: Sequence[Method],
+    tested: Mapping[str, Mapping[str, Flight]],
+    inputs: Sequence[str],
+) -> None:
+    rows: list[Row] = []
+    for one in methods:
+        # What was measured depends on the inertia too: that of the model in question.
+        if seen := tested.get(one.states):
+            cells = np.array(
+                [
+                    flights.error(one.ask(flight.inputs(inputs))[0], flight.measured)
+                    for flight in seen.values()
+                ]
+            )
+            told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
+            rows.append((one.name, one.states, *told))
+    cells = np.array(list(PUBLISHED.values()))
+    told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
+    rows.append(("published, combined, other flights", "navigation", *told))
+    table.show(
+        "thesis_measured",
+        "Brumby in gusts of 8 to 15 kt winds, learnt from one flight: 100·std(model − measured)/"
+        "std(measured) on three others, at the states reconstructed from them, %",
+        COLUMNS,
+        rows,
+    )
+
+
+def _calibrated(
+    methods: Sequence[Method],
+    tested: Mapping[str, Mapping[str, Flight]],
+    inputs: Sequence[str],
+) -> None:
+    """Densities and intervals on the unseen flights, noise of the measurement included."""
+    rows: list[Row] = []
+    for one in methods:
+        density, held = [], []
+        for flight in tested.get(one.states, {}).values():
+            found, deviation = one.ask(flight.inputs(inputs))
+            total = deviation if one.whole else np.hypot(deviation, flight.noise)
+            density.append(flights.nlpd(found, total, flight.measured))
+            held.append(100.0 * flights.coverage(found, total, flight.measured))
+        if density:
+            inside = [f"{value:.0f}" for value in np.mean(held, axis=0)]
+            rows.append((one.name, one.states, f"{np.mean(density):.2f}", *inside))
+    table.show(
+        "thesis_calibration",
+        "Brumby: mean NLPD of measured coefficients on unseen flights [nat], % in 95 % intervals",
+        ("method", "states", "NLPD", *COEFFICIENTS),
+        rows,
+        headline=False,
+    )
+
+
+def _disturbed(first: Flight, tested: Mapping[str, Flight], inputs: Sequence[str]) -> None:
+    """Error against truth where the training samples are made worse."""
+    rows: list[Row] = []
+    random = np.random.default_rng(1)
+    plain = flights.data(first, inputs, truth=True)
+    spread = np.std(plain.values, axis=0)
+    cases = [("true regressors, measured coefficients", plain)]
+    for share in (0.1, 0.3):
+        noisy = plain.values + share * spread * random.standard_normal(plain.values.shape)
+        variance = plain.variance + (share * spread) ** 2
+        cases.append(
+            (
+                f"noise of {100 * share:.0f} % of the spread added",
+                replace(plain, values=noisy, variance=variance),
+            )
+        )
+    for gust in (0.3, 1.0):
+        wrong, variance = plain.inputs.copy(), plain.input_variance.copy()
+        angle = gust / first.table["V"]
+        wrong[:, 0] += angle * _coloured(random, first.table["t"])
+        variance[:, 0] = angle**2
+        cases.append(
+            (
+                f"vertical gusts of {gust} m/s added that no state knows",
+                replace(plain, inputs=wrong, input_variance=variance),
+            )
+        )
+    biased = plain.inputs.copy()
+    biased[:, 0] += np.radians(1.0)
+    cases.append(("alpha 1 deg too large", replace(plain, inputs=biased)))
+    mean = first.measured.mean(axis=0)
+    for name, data in cases:
+        found = fitting.fit(data, replace(EFFORT, local=False))
+        cells = np.array(
+            [
+                flights.error(mean + fitting.predict(found, flight.true_inputs).mean, wanted)
+                for flight, wanted in ((each, each.true_values) for each in tested.values())
+            ]
+        )
+        rows.append((name, *rounded(cells.mean(axis=0)), *flights.means(cells)))
+    table.show(
+        "thesis_disturbed",
+        "Brumby, dependent GP, zero mean: error against truth [%] by what is wrong in training",
+        ("training", *COEFFICIENTS, "forces", "moments"),
+        rows,
+        headline=False,
+    )
+
+
+LASTS = 1.0
+"""Correlation time of an added gust [s]."""
+
+
+def _coloured(random: np.random.Generator, time: np.ndarray) -> np.ndarray:
+    """Unit noise of first order at these times."""
+    found = random.standard_normal(time.size)
+    for row in range(1, time.size):
+        kept = np.exp(-abs(time[row] - time[row - 1]) / LASTS)
+        found[row] = kept * found[row - 1] + np.sqrt(1.0 - kept**2) * found[row]
+    return found

@@ -1,0 +1,167 @@
+"""The AD-1 at four sweep angles: cross-coupling without prior structure, points, dependence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.gp import exact, fitting, inducing, posterior, refresh, samples, selection
+from gcs_sysid.gp.fitting import Fitted
+from tests.benchmarks import table
+from tests.benchmarks import thesis_data as flights
+from tests.benchmarks.thesis_data import EFFORT, ROOT, Row, rounded, with_structure
+
+SWEEPS = ("00", "30", "45", "60")
+SIZES = (25, 50, 100, 150, 200, 250, 300)
+
+
+def oblique_wing(out: Path) -> None:
+    """Cross-coupling without prior structure, number of points, and where dependence pays."""
+    rows: list[Row] = []
+    for sweep in SWEEPS:
+        aircraft = ROOT / "data" / "aircraft" / f"ad1_{sweep}.toml"
+        folder = out / sweep
+        folder.mkdir(parents=True, exist_ok=True)
+        log, truth = folder / "first.tlog", folder / "first_truth.npz"
+        if not truth.exists():
+            recorded = ["--record", log, "--truth", truth, "--seed", "141"]
+            flights.run("sitl", "--aircraft", aircraft, *recorded, "--gust", "0.1")
+        if not (folder / "identify" / "samples.parquet").exists():
+            flights.run(
+                "identify",
+                log,
+                "--aircraft",
+                aircraft,
+                "--prior",
+                "none",
+                "--out",
+                folder / "identify",
+            )
+        flight = flights.load(folder / "identify" / "samples.parquet", truth, aircraft)
+        described = aircraft_file.load(aircraft)
+        inputs = flights.names(described)
+        data = flights.data(flight, inputs)
+        found = fitting.fit(data, replace(EFFORT, local=False))
+        rows += _couplings(sweep, found, described, inputs, data.inputs)
+        if sweep == "30":
+            _points(found, flight, inputs)
+            _ablation(flight, inputs)
+    table.show(
+        "thesis_coupling",
+        "AD-1, dependent GP with zero mean: derivatives at trim, one sd, and what flew",
+        ("sweep", "derivative", "found", "one sd", "truth"),
+        rows,
+    )
+
+
+def _couplings(sweep: str, found: Fitted, aircraft, inputs, where: np.ndarray) -> list[Row]:
+    trim = np.median(where, axis=0)[None, :]
+    slopes = posterior.slopes(found.posterior, found.scaled(trim))
+    rows: list[Row] = []
+    for name, variable in (
+        ("Cm", "phat"),
+        ("Cl", "qhat"),
+        ("Cm", "aileron"),
+        ("Cl", "aileron"),
+        ("CY", "alpha"),
+    ):
+        row, column = COEFFICIENTS.index(name), inputs.index(variable)
+        ratio = found.scaling.unit[row] / found.scaling.spread[column]
+        terms = aircraft.aerodynamics[name].terms
+        flew = terms[variable].value if variable in terms else 0.0
+        rows.append(
+            (sweep, f"{name}_{variable}", f"{float(slopes.mean[0, row, column]) * ratio:.3g}",
+             f"{np.sqrt(float(slopes.variance[0, row, column])) * ratio:.2g}", f"{flew:.3g}")
+        )  # fmt: skip
+    return rows
+
+
+def _split(flight: flights.Flight) -> tuple[np.ndarray, np.ndarray]:
+    held = flight.table["held_out"].astype(bool)
+    return ~held, held
+
+
+def _points(found: Fitted, flight: flights.Flight, inputs) -> None:
+    """Error on held-out maneuvers against the number of inducing points, by way of choosing."""
+    kept, held = _split(flight)
+    data = flights.data(flight, inputs)
+    rows_all = samples.rows(found.scaling, data.inputs, data.values, data.variance)
+    train = refresh.thinned(samples.some_of(rows_all, kept), 1500, 1)
+    candidates, _, own = exact.observed(refresh.thinned(train, 200, 2))
+    noise = own + np.asarray(found.base.noise)[candidates.output]
+    wanted = flight.true_values[held] - flight.measured.mean(axis=0)
+    where = found.scaled(data.inputs[held])
+    rows: list[Row] = []
+    for method in ("mutual information", "entropy", "random", "k-means"):
+        cells = []
+        for size in SIZES:
+            errors = []
+            for seed in range(3 if method == "random" else 1):
+                chosen = selection.choose(
+                    method, found.base.kernel, candidates, noise, size, seed=seed
+                )
+                base = inducing.basis(
+                    found.base.kernel,
+                    found.base.noise,
+                    found.base.repeats,
+                    selection.take(candidates, chosen),
+                )
+                known = inducing.posterior(base, inducing.told(base, train))
+                mean = np.asarray(posterior.mean(known, where)) * found.scaling.unit
+                errors.append(np.mean(flights.error(mean, wanted)))
+            cells.append(f"{np.mean(errors):.1f}")
+        rows.append((method, *cells))
+    table.show(
+        "thesis_points",
+        "AD-1 at 30 deg: mean held-out error against truth [%] by number of (input, output) points",
+        ("chosen by", *map(str, SIZES)),
+        rows,
+    )
+
+
+def _ablation(flight: flights.Flight, inputs) -> None:
+    """Dependent against independent processes, same effort, same samples."""
+    kept, held = _split(flight)
+    plain = flights.data(flight, inputs)
+    parts = ("inputs", "values", "variance", "input_variance", "slopes", "piece")
+    plain = replace(plain, **{name: getattr(plain, name)[kept] for name in parts})
+    cases = {"all outputs, all samples": plain}
+    fewer = plain.values.copy()
+    fewer[np.arange(fewer.shape[0]) % 600 > 60, 4] = np.nan
+    cases["Cm missing for nine tenths"] = replace(plain, values=fewer)
+    first = np.isin(plain.piece, np.unique(plain.piece)[:4])
+    cases["four maneuvers only"] = replace(
+        plain, **{name: getattr(plain, name)[first] for name in parts}
+    )
+    random = np.random.default_rng(3)
+    noisy = plain.values.copy()
+    spread = np.std(plain.values[:, 4])
+    noisy[:, 4] += spread * random.standard_normal(noisy.shape[0])
+    variance = plain.variance.copy()
+    variance[:, 4] += spread**2
+    cases["Cm ten times noisier"] = replace(plain, values=noisy, variance=variance)
+    wanted = flight.true_values[held] - flight.measured.mean(axis=0)
+    where = flight.inputs(inputs)[held]
+    rows: list[Row] = []
+    for name, data in cases.items():
+        for kind, latents in (("dependent", 2), ("independent", 0)):
+            found = fitting.fit(data, with_structure(EFFORT, latents=latents, local=False))
+            belief = fitting.predict(found, where)
+            deviation = np.sqrt(belief.variance + found.discrepancy)
+            measured = flight.measured - flight.measured.mean(axis=0)
+            total = np.hypot(deviation, flight.noise[held])
+            density = flights.nlpd(belief.mean, total, measured[held])
+            cells = flights.error(belief.mean, wanted)
+            rows.append(
+                (name, kind, *rounded(cells), f"{cells.mean():.1f}", f"{density.mean():.2f}")
+            )
+    table.show(
+        "thesis_ablation",
+        "AD-1 at 30 deg: held-out error against truth [%], NLPD [nat]",
+        ("training", "processes", *COEFFICIENTS, "mean", "NLPD"),
+        rows,
+    )

@@ -1,0 +1,64 @@
+"""Mass, inertia and thrust beside the derivatives: beliefs, and what becomes of the file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.estimate import in_common, inside_filter
+from gcs_sysid.estimate.inside_filter import Derivatives
+from gcs_sysid.offline import aided_fit
+from tests.offline.conftest import ROOT
+
+BRUMBY: Path = ROOT / "data" / "aircraft" / "brumby_mk3.toml"
+TERMS = {"Cm": {"elevator": -0.6}}
+
+
+def test_what_the_file_says_of_the_body_is_believed_as_it_says() -> None:
+    file = aircraft_file.load(BRUMBY)
+    before = aided_fit._believed(TERMS, {"Cm": {"elevator": 1.0}}, file, body=True)
+    assert before.keys[0] == ("Cm", "elevator")
+    assert [name for _, name in before.keys[1:]] == list(in_common.PARTS)
+    sigma = np.sqrt(np.diagonal(before.covariance))
+    np.testing.assert_allclose(sigma, [1.0, 0.02, 0.2, 0.2, 0.2, 0.15])
+    sure = replace(file, mass=replace(file.mass, mass_sigma=0.0))
+    assert 0.0 < aided_fit._stated(sure)[0] < 1e-3
+
+
+def test_what_was_found_of_the_body_goes_into_the_aircraft() -> None:
+    file = aircraft_file.load(BRUMBY)
+    before = aided_fit._believed(TERMS, {"Cm": {"elevator": 1.0}}, file, body=True)
+    sure = np.array([0.1, 0.01, 0.02, 0.03, 0.01, 0.05])
+    found = before._replace(
+        value=np.array([-0.6, 0.1, 0.2, -0.1, 0.0, 0.5]), covariance=np.diag(sure**2)
+    )
+    known = aided_fit._embodied(file, found)
+    assert known.mass.mass == pytest.approx(1.1 * file.mass.mass)
+    assert known.mass.Ixx == pytest.approx(1.2 * file.mass.Ixx)
+    assert known.mass.Iyy == pytest.approx(0.9 * file.mass.Iyy)
+    assert known.mass.Izz == pytest.approx(file.mass.Izz)
+    assert known.mass.inertia_sigma == pytest.approx(0.03)
+    assert known.propulsion[0].thrust[1][0] == pytest.approx(1.5 * file.propulsion[0].thrust[1][0])
+    assert known.propulsion[0].thrust_sigma == pytest.approx(0.05 / 1.5)
+    alone = aided_fit._believed(TERMS, {"Cm": {"elevator": 1.0}}, file, body=False)
+    assert aided_fit._embodied(file, alone) == file
+
+
+def test_the_share_of_the_body_in_a_deviation_is_told_apart() -> None:
+    """d = m (1 + i) with m known to 1 % and i to 5 %: the rest of d's deviation is the body's."""
+    file = aircraft_file.load(BRUMBY)
+    keys = (("Cm", "elevator"), *((in_common.BODY, part) for part in in_common.PARTS))
+    value = np.array([-0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+    covariance = np.diag([0.006**2, 0.02**2, 0.2**2, 0.05**2, 0.2**2, 0.15**2])
+    covariance[0, 0] += (0.6 * 0.05) ** 2
+    covariance[0, 3] = covariance[3, 0] = -0.6 * 0.05**2
+    believed = np.diag(1.0 / np.array([100.0, 0.02, 0.2, 0.2, 0.2, 0.15]) ** 2)
+    found = Derivatives(keys, value, covariance, value, believed, np.array([0.006]))
+    alone = inside_filter._of_flight(found, {"Cm": ("elevator",)}, file)
+    assert alone.body is not None
+    assert np.sqrt(alone.noise[0]) == pytest.approx(0.006, rel=1e-6)
+    assert np.sqrt(alone.body[0]) == pytest.approx(0.03, rel=1e-4)
