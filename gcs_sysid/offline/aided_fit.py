@@ -25,6 +25,7 @@ from gcs_sysid.estimate import (
     flight_rows,
     in_common,
     inside_filter,
+    scoring,
     settling,
 )
 from gcs_sysid.estimate.filter_error import Fit
@@ -36,6 +37,7 @@ from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.model import departures
+from gcs_sysid.model.aided import Means
 from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
@@ -199,7 +201,19 @@ def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
     )
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise UnsettledError(_lost(one))
+    late = _deviation(done, before, item.first.means).sensors.surface_delay
+    item = item._replace(one=replace(one, delay=replace(one.delay, deviation=float(late))))
     return _smoothed(flown, item, settling.at(done, item.first.means), one.aircraft)
+
+
+def _deviation(done: settling.Settled, before: Beliefs, like: Means) -> Means:
+    """One standard deviation of what was sought, by information at held gains; else 0."""
+    free = np.flatnonzero(np.diagonal(before.covariance) > 0.0)
+    chosen = np.ix_(free, free)
+    known = done.last.told.matrix[chosen] + scoring.inverse(before.covariance[chosen])
+    found = np.zeros(before.mean.size)
+    found[free] = np.sqrt(np.diagonal(scoring.inverse(known)))
+    return ravel_pytree(like)[1](jnp.asarray(found))
 
 
 def _prepared(one: Flight, start: Terms, held_out: Sequence[int], *, body: bool) -> _Prepared:

@@ -42,11 +42,11 @@ def run(
 ) -> dict[str, Any]:
     """Predicts a flight and writes `predictions.parquet` and `summary.json` to `out`.
 
-    The surfaces' delay is the one found when the model was made; everything else of the flight is
-    reconstructed anew. `columns` says what the columns are where the log is a table, `can` is a
-    CAN log of the same flight; surfaces whose position it measured have no delay. `method` says
-    whether states are those of kinematics, or those of the filter that holds the model; by itself
-    the second in gusts, if the model was made that way.
+    With kinematic states the surfaces' delay is the one found when the model was made; everything
+    else of the flight is reconstructed anew. `columns` says what the columns are where the log is a
+    table, `can` is a CAN log of the same flight; surfaces whose position it measured have no delay.
+    `method` says whether states are those of kinematics, or those of the filter that holds the
+    model; by itself the second in gusts, if the model was made that way.
 
     Raises:
         InputError: the log or the model cannot be used.

@@ -31,16 +31,8 @@ def oblique_wing(out: Path) -> None:
             recorded = ["--record", log, "--truth", truth, "--seed", "141"]
             flights.run("sitl", "--aircraft", aircraft, *recorded, "--gust", "0.1")
         if not (folder / "identify" / "samples.parquet").exists():
-            flights.run(
-                "identify",
-                log,
-                "--aircraft",
-                aircraft,
-                "--prior",
-                "none",
-                "--out",
-                folder / "identify",
-            )
+            asked = ("--aircraft", aircraft, "--prior", "none", "--method", "equation-error")
+            flights.run("identify", log, *asked, "--out", folder / "identify")
         flight = flights.load(folder / "identify" / "samples.parquet", truth, aircraft)
         described = aircraft_file.load(aircraft)
         inputs = flights.names(described)

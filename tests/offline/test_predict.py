@@ -12,13 +12,17 @@ import pytest
 from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import ModelFileError
 from gcs_sysid.offline import model_store, predict
-from tests.offline.conftest import SECOND, Identified, silent
+from tests.offline.conftest import SECOND, Identified, beginning, silent
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
-def predicted(log: Path, model: Path, out: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    summary = predict.run(log, model, vehicle=None, segments=None, out=out, progress=silent)
+def predicted(
+    log: Path, model: Path, out: Path, method: predict.Method = "auto"
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    summary = predict.run(
+        log, model, vehicle=None, segments=None, out=out, progress=silent, method=method
+    )
     table = pq.read_table(out / "predictions.parquet")
     return summary, {name: table[name].to_numpy() for name in table.column_names}
 
@@ -80,6 +84,41 @@ def test_the_document_says_what_it_is(
     assert all(item["held_out"] for item in summary["maneuvers"])
     delay = summary["reconstruction"]["delays"]["SERVO_OUTPUT_RAW"]["value"]
     assert delay == demo.summary["reconstruction"]["delays"]["SERVO_OUTPUT_RAW"]["value"]
+
+
+def test_states_of_the_filter_that_holds_the_model_know_the_air_better(
+    demo: Identified, tmp_path: Path
+) -> None:
+    """The first minute. What the air does to the rates no vane tells; the aerodynamics do."""
+    log = beginning(SECOND, 0.5, tmp_path / "minute.tlog")
+    told, filtered = predicted(log, demo.out, tmp_path / "filter", "filter-error")
+    other, plain = predicted(log, demo.out, tmp_path / "plain", "kinematic")
+    assert told["method"] == {"name": "filter_error", "reason": None}
+    assert other["method"]["name"] == "kinematic"
+    with np.load(SECOND.with_name("demo_second_truth.npz")) as file:
+        truth = dict(zip(file["cols"].tolist(), file["rows"].T, strict=True))
+        start = int(file["t0_us"])
+    truth["phat"] = 0.5 * 1.27 * truth["p_air"] / truth["V"]
+
+    def off(table: dict[str, np.ndarray], name: str) -> float:
+        used = table["maneuver"] >= 0
+        at = 1e-6 * (table["time_us"][used] - start)
+        return float(np.std(table[name][used] - np.interp(at, truth["t"], truth[name])))
+
+    for name in ("alpha", "beta", "phat"):
+        assert off(filtered, name) < off(plain, name), name
+    # A model that learned from this flight would be another one.
+    stored = model_store.load(demo.out).model
+    values = {name: filtered[name] for name in stored.variables}
+    for name, found in stored.predict(values, measured=True).items():
+        np.testing.assert_allclose(filtered[name], found.mean)
+
+
+def test_a_model_of_kinematic_states_is_compared_at_such(
+    second: tuple[dict[str, Any], dict[str, np.ndarray]],
+) -> None:
+    assert second[0]["method"]["name"] == "kinematic"
+    assert "made from kinematic states" in second[0]["method"]["reason"]
 
 
 def test_no_model_no_prediction(tmp_path: Path) -> None:
