@@ -22,17 +22,23 @@ from tests.benchmarks import thesis_brumby, thesis_oblique  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 
+PARTS = ("brumby", "states", "ad1")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--only", choices=("brumby", "ad1"))
+    parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--save", action="store_true", help="see tests/benchmarks/table.py")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="gcs-sysid-thesis-") as folder:
         out = given.out or Path(folder)
-        if given.only != "ad1":
+        wanted = PARTS if given.only is None else (given.only,)
+        if "brumby" in wanted:
             thesis_brumby.brumby(out / "brumby")
-        if given.only != "brumby":
+        if "states" in wanted:
+            thesis_brumby.causes(out / "brumby")
+        if "ad1" in wanted:
             thesis_oblique.oblique_wing(out / "ad1")
 
 

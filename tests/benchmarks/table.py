@@ -18,6 +18,11 @@ from pathlib import Path
 KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
+def kept() -> bool:
+    """Whether results are kept, and not only printed."""
+    return "--save" in sys.argv
+
+
 def show(
     name: str,
     title: str,
@@ -43,7 +48,7 @@ def show(
         print(
             "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
         )
-    if "--save" in sys.argv:
+    if kept():
         document = {"title": title, "columns": list(columns), "rows": cells}
         if not headline:
             document["headline"] = False

@@ -34,6 +34,9 @@ WAYS = {
     "kinematic": ("--method", "equation-error"),
 }
 """States that samples are made from, and how `identify` is asked for them."""
+FIGURE = ROOT / "docs" / "figure-5-11.svg"
+"""Where it is kept with `--save`."""
+COMPARED = ("filter", "kinematic")
 COLUMNS = ("method", "states", *COEFFICIENTS, "forces", "moments")
 Answer = tuple[np.ndarray, np.ndarray]
 
@@ -61,9 +64,9 @@ def brumby(out: Path) -> None:
         flights.run("sitl", "--scenario", ROOT / "replay/brumby/scenario.toml", "--out", out)
     described = aircraft_file.load(BRUMBY)
     inputs = flights.names(described)
-    first = {states: _learned_from(out, states) for states in WAYS}
-    plain = {states: _polynomial(out / _folder(states)) for states in WAYS}
-    tested = {states: _tested(out, states) for states in ("filter", "kinematic")}
+    first = {states: _learned_from(out, states) for states in COMPARED}
+    plain = {states: _polynomial(out / _folder(states)) for states in COMPARED}
+    tested = {states: _tested(out, states) for states in COMPARED}
     methods = _methods(first, plain, inputs)
     _against_measured(methods, tested, inputs)
     _against_truth(methods, tested["filter"], inputs)
@@ -71,9 +74,35 @@ def brumby(out: Path) -> None:
     flight = tested["filter"][DRAWN]
     begins = float(np.quantile(flight.table["t"], 0.4))
     drawn = {one.name: one.ask for one in methods if one.states == "filter"}
-    thesis_figure.draw(drawn, flight, inputs, begins, out / "figure_5_11.svg")
-    print(f"Figure 5.11, flight {DRAWN}: {out / 'figure_5_11.svg'}")
+    to = FIGURE if table.kept() else out / FIGURE.name
+    thesis_figure.draw(drawn, flight, inputs, begins, to)
+    print(f"Figure 5.11, flight {DRAWN}: {to}")
     _disturbed(first["filter"], tested["filter"], inputs)
+
+
+def causes(out: Path) -> None:
+    """What states and inertia are worth to the polynomial, and how well it knows either."""
+    inputs = flights.names(aircraft_file.load(BRUMBY))
+    rows: list[Row] = []
+    for states in WAYS:
+        flight = _learned_from(out, states)
+        ask = _stored(_polynomial(out / _folder(states)), inputs)
+        errors = [
+            (ask(each.true_inputs)[0], each.true_values) for each in _tested(out, "filter").values()
+        ]
+        cells = np.array([flights.error(found, wanted) for found, wanted in errors])
+        off = np.std(flight.inputs(inputs) - flight.true_inputs, axis=0)
+        alpha, beta = np.degrees(off[:2])
+        told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
+        rows.append((states, f"{alpha:.2f}", f"{beta:.2f}", *told))
+    table.show(
+        "thesis_states",
+        "Brumby, polynomial of the file's terms without prior, by the states that it was learned "
+        "at: their error [°], and error against truth on three others [%]",
+        ("states", "alpha", "beta", *COEFFICIENTS, "forces", "moments"),
+        rows,
+        headline=False,
+    )
 
 
 def _folder(states: str) -> str:
@@ -114,7 +143,7 @@ def _methods(
 ) -> list[Method]:
     """All that are compared, in the order of the tables."""
     found = []
-    for states in ("filter", "kinematic"):
+    for states in COMPARED:
         flight = first[states]
         mean = flight.measured.mean(axis=0)
         combined = flights.learned(flight, inputs, EFFORT)
@@ -134,7 +163,7 @@ def _methods(
             found.append(Method("combined on the polynomial", states, beside))
             line = _line(flight.inputs(inputs), flight.measured)
             found.append(Method("least squares, straight line", states, line, whole=True))
-    found += [Method("polynomial", states, _stored(plain[states], inputs)) for states in WAYS]
+    found += [Method("polynomial", states, _stored(plain[states], inputs)) for states in COMPARED]
     best = flights.learned(first["filter"], inputs, EFFORT, truth=True)
     mean = first["filter"].measured.mean(axis=0)
     return [*found, Method("combined, zero mean", "true", _asked(best, mean))]

@@ -19,7 +19,10 @@ from tests.benchmarks.thesis_data import Flight
 
 LONGEST = 20.0
 """Of the stretch [s]."""
-DRAWN = {"global only": ("#fdae6b", "#a63603"), "combined": ("#9ecae1", "#08519c")}
+DRAWN = {
+    "global only, zero mean": ("#fdae6b", "#a63603"),
+    "combined, zero mean": ("#9ecae1", "#08519c"),
+}
 """Colour of the band and of the line of each method."""
 Method = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -46,7 +49,10 @@ def draw(
     said = {name: methods[name](where) for name in DRAWN}
     for index, (name, panel) in enumerate(zip(COEFFICIENTS, axes.T.ravel(), strict=True)):
         measured, noise = flight.measured[rows, index], flight.noise[rows, index]
-        panel.plot(time, measured, ".", ms=1.5, color="#888888", label="measured")
+        # As a picture: thousands of points as text are megabytes.
+        panel.plot(
+            *(time, measured, "."), ms=2.0, color="#888888", label="measured", rasterized=True
+        )
         for method, (band, line) in DRAWN.items():
             mean, deviation = (part[:, index] for part in said[method])
             half = SIGMAS_95 * np.hypot(deviation, noise)
@@ -60,7 +66,8 @@ def draw(
         panel.set_ylabel(f"{name} [1]")
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
-    axes[0, 0].legend(loc="upper left", fontsize=7.0, frameon=False)
+    shown = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*shown, loc="outside upper center", ncols=4, fontsize=8.0, frameon=False)
     to.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(to, metadata={"Date": None} if to.suffix == ".svg" else None)
+    figure.savefig(to, dpi=150, metadata={"Date": None} if to.suffix == ".svg" else None)
     plt.close(figure)
