@@ -34,7 +34,7 @@ WAYS = {
     "kinematic": ("--method", "equation-error"),
 }
 """States that samples are made from, and how `identify` is asked for them."""
-FIGURE = ROOT / "docs" / "figure-5-11.svg"
+FIGURE = ROOT / "docs" / "figure-5-11.png"
 """Where it is kept with `--save`."""
 COMPARED = ("filter", "kinematic")
 COLUMNS = ("method", "states", *COEFFICIENTS, "forces", "moments")

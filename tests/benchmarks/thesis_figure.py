@@ -69,5 +69,5 @@ def draw(
     shown = axes[0, 0].get_legend_handles_labels()
     figure.legend(*shown, loc="outside upper center", ncols=4, fontsize=8.0, frameon=False)
     to.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(to, dpi=150, metadata={"Date": None} if to.suffix == ".svg" else None)
+    figure.savefig(to, dpi=110, metadata={"Date": None} if to.suffix == ".svg" else None)
     plt.close(figure)
