@@ -21,7 +21,7 @@ FEEBLE = 0.05
 """A term that makes up less than this share of its coefficient's variation is hardly excited."""
 
 BLURRED = "gusts: the flow and the rotation that the air felt were not measured well enough"
-MOST = 0.5
+MANY = 1.0 / 3.0
 """Share of all slopes."""
 
 
@@ -49,14 +49,14 @@ def judge(fit: CoefficientFit, index: int, believed: float | None) -> Verdict:
 
 
 def blurred(fits: Iterable[CoefficientFit]) -> bool:
-    """Whether most slopes are unknown since the flow that the air felt was not measured well."""
+    """Whether many slopes are not told at all since the flow was not measured well."""
     unknown = [
-        judge(fit, index, None).reason == BLURRED
+        judge(fit, index, None) == Verdict("no", BLURRED)
         for fit in fits
         for index, key in enumerate(fit.keys)
         if key != regressors.CONSTANT
     ]
-    return sum(unknown) > MOST * len(unknown)
+    return sum(unknown) > MANY * len(unknown)
 
 
 def _reason(fit: CoefficientFit, index: int, parts: dict[str, float]) -> str:
