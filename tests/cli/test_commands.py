@@ -93,7 +93,7 @@ def test_identify(calls, capsys):
     assert args == ((Path("flight.tlog"), Path("other.tlog")), Path("aircraft.toml"))
     assert named == {
         "prior": "none", "segments": Path("segments.json"), "vehicle": None, "stepwise": True,
-        "columns": None, "can": None, "out": Path("result"), "method": "auto",
+        "columns": None, "can": None, "out": Path("result"), "method": "auto", "body": "file",
     }  # fmt: skip
     assert capsys.readouterr().out == "identify: result/samples.parquet\n"
 
@@ -112,7 +112,7 @@ def test_predict(calls, capsys):
     assert args == (Path("flight.tlog"), Path("model"))
     assert named == {
         "vehicle": None, "segments": None, "columns": Path("map.toml"), "can": Path("bus.blf"),
-        "out": Path("flight-predict"),
+        "out": Path("flight-predict"), "method": "auto",
     }  # fmt: skip
     assert capsys.readouterr().out == "predict: flight-predict/predictions.parquet\n"
 
