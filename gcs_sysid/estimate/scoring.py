@@ -99,6 +99,7 @@ class Scored:
         """Of all that was sought (Godambe, Biometrika 72, 1985): A⁻¹ M A⁻ᵀ with the prior.
 
         The lag of the moments is believed to `TIMING` at best, and what goes with it accordingly.
+        Where a search had not ended, everything is as much wider as a derivative was still to move.
         """
         factor = self.scatter()
         scatter = self.curvature.scatter / factor + self.precision
@@ -109,7 +110,7 @@ class Scored:
         for lag in np.flatnonzero(_marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
             along = found[:, lag] / found[lag, lag]
             found = found + TIMING**2 * np.outer(along, along)
-        return found
+        return found if self.ended else (1.0 + self.moving**2) * found
 
 
 class LostError(Exception):

@@ -49,7 +49,8 @@ of them."""
 STILL_GROWING, STILL_MOVING = 2.0, 1.5
 """A search that has not ended has found nothing where its log-likelihood changed by more than this
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
-that are told to a hundredth of a thousandth may still be on their way."""
+that are told to a hundredth of a thousandth may still be on their way; deviations hold the rest
+(`Scored.covariance`)."""
 EXACT = 1e-4
 """Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
 OFF = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
@@ -383,8 +384,9 @@ def _smoothed(
 def _unended(item: _Prepared, fit: Fit) -> str:
     return (
         f"{item.one.recording.source}: the search inside the filter stopped before it had settled "
-        f"(the log-likelihood still changed by {_grown(fit):+.0f} a step): take its intervals as "
-        "too narrow, and check mass, inertia and the terms of the aircraft file"
+        f"(the log-likelihood still changed by {_grown(fit):+.0f} a step, and a derivative was to "
+        f"move by {fit.moving:.1f} of its deviations: all are stated as much wider); check mass, "
+        "inertia and the terms of the aircraft file"
     )
 
 

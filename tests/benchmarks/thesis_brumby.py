@@ -16,7 +16,7 @@ from gcs_sysid.gp.fitting import Fitted
 from gcs_sysid.offline import model_store
 from tests.benchmarks import table, thesis_figure
 from tests.benchmarks import thesis_data as flights
-from tests.benchmarks.thesis_data import EFFORT, ROOT, Flight, Row, rounded, with_structure
+from tests.benchmarks.thesis_data import EFFORT, ROOT, Flight, Row, with_structure
 
 BRUMBY = ROOT / "data" / "aircraft" / "brumby_mk3.toml"
 TESTED = ("4", "5", "6")
@@ -87,14 +87,13 @@ def causes(out: Path) -> None:
     for states in WAYS:
         flight = _learned_from(out, states)
         ask = _stored(_polynomial(out / _folder(states)), inputs)
-        errors = [
-            (ask(each.true_inputs)[0], each.true_values) for each in _tested(out, "filter").values()
+        cells = [
+            flights.error(ask(each.true_inputs)[0], each.true_values)
+            for each in _tested(out, "filter").values()
         ]
-        cells = np.array([flights.error(found, wanted) for found, wanted in errors])
         off = np.std(flight.inputs(inputs) - flight.true_inputs, axis=0)
         alpha, beta = np.degrees(off[:2])
-        told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
-        rows.append((states, f"{alpha:.2f}", f"{beta:.2f}", *told))
+        rows.append((states, f"{alpha:.2f}", f"{beta:.2f}", *flights.means(cells)))
     table.show(
         "thesis_states",
         "Brumby, polynomial of the file's terms without prior, by the states that it was learned "
@@ -241,13 +240,11 @@ def _against_truth(
 ) -> None:
     rows: list[Row] = []
     for one in methods:
-        cells = np.array(
-            [
-                flights.error(one.ask(flight.true_inputs)[0], flight.true_values)
-                for flight in tested.values()
-            ]
-        )
-        rows.append((one.name, one.states, *rounded(cells.mean(axis=0)), *flights.means(cells)))
+        cells = [
+            flights.error(one.ask(each.true_inputs)[0], each.true_values)
+            for each in tested.values()
+        ]
+        rows.append((one.name, one.states, *flights.means(cells)))
     table.show(
         "thesis_truth",
         "Brumby in gusts of 8 to 15 kt winds, learnt from one flight: 100·std(model − truth)/"
@@ -266,17 +263,13 @@ def _against_measured(
     for one in methods:
         # What was measured depends on the inertia too: that of the model in question.
         if seen := tested.get(one.states):
-            cells = np.array(
-                [
-                    flights.error(one.ask(flight.inputs(inputs))[0], flight.measured)
-                    for flight in seen.values()
-                ]
-            )
-            told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
-            rows.append((one.name, one.states, *told))
-    cells = np.array(list(PUBLISHED.values()))
-    told = (*rounded(cells.mean(axis=0)), *flights.means(cells))
-    rows.append(("published, combined, other flights", "navigation", *told))
+            cells = [
+                flights.error(one.ask(each.inputs(inputs))[0], each.measured)
+                for each in seen.values()
+            ]
+            rows.append((one.name, one.states, *flights.means(cells)))
+    published = flights.means(list(PUBLISHED.values()))
+    rows.append(("published, combined, other flights", "navigation", *published))
     table.show(
         "thesis_measured",
         "Brumby in gusts of 8 to 15 kt winds, learnt from one flight: 100·std(model − measured)/"
@@ -345,13 +338,11 @@ def _disturbed(first: Flight, tested: Mapping[str, Flight], inputs: Sequence[str
     mean = first.measured.mean(axis=0)
     for name, data in cases:
         found = fitting.fit(data, replace(EFFORT, local=False))
-        cells = np.array(
-            [
-                flights.error(mean + fitting.predict(found, flight.true_inputs).mean, wanted)
-                for flight, wanted in ((each, each.true_values) for each in tested.values())
-            ]
-        )
-        rows.append((name, *rounded(cells.mean(axis=0)), *flights.means(cells)))
+        cells = [
+            flights.error(mean + fitting.predict(found, each.true_inputs).mean, each.true_values)
+            for each in tested.values()
+        ]
+        rows.append((name, *flights.means(cells)))
     table.show(
         "thesis_disturbed",
         "Brumby, dependent GP, zero mean: error against truth [%] by what is wrong in training",

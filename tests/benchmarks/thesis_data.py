@@ -159,9 +159,10 @@ def rounded(values: np.ndarray) -> list[str]:
     return [f"{value:.1f}" for value in values]
 
 
-def means(cells: np.ndarray) -> tuple[str, str]:
-    """Of the cells of forces, and of those of moments, one row a flight."""
-    return f"{cells[:, :3].mean():.1f}", f"{cells[:, 3:].mean():.1f}"
+def means(cells: Sequence[np.ndarray] | Sequence[Sequence[float]]) -> list[str]:
+    """Of each coefficient, of the cells of forces, and of those of moments; one row a flight."""
+    each = np.array(cells)
+    return rounded(np.array([*each.mean(axis=0), each[:, :3].mean(), each[:, 3:].mean()]))
 
 
 def with_structure(effort: Effort, *, latents: int, local: bool) -> Effort:

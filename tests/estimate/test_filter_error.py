@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -115,6 +116,8 @@ def test_sums_that_move_less_are_known_less() -> None:
         moving=0.0,
     )
     np.testing.assert_allclose(done.covariance(), [[1.0]])
+    stopped = replace(done, ended=False, moving=0.5)
+    np.testing.assert_allclose(stopped.covariance(), [[1.25]])
 
 
 def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:

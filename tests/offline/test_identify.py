@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import InputError, RefusedError, UsageError
 from gcs_sysid.estimate import filter_error
 from gcs_sysid.estimate.scoring import LostError
-from gcs_sysid.offline import inspect, model_store
+from gcs_sysid.offline import identify, inspect, model_store
+from tests.offline import made_models
 from tests.offline.conftest import AIRCRAFT, DEMO, ROOT, SECOND, Identified, beginning, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -364,6 +366,20 @@ def test_a_log_that_is_not_there_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.tlog"):
         run([tmp_path / "absent.tlog"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_least_squares_that_blames_the_flow_is_left_for_the_filter() -> None:
+    clear = made_models.model()
+    fits = {
+        name: replace(
+            fit, deviations={**fit.deviations, "regressor": 1.0 + 10.0 * np.abs(fit.value)}
+        )
+        for name, fit in clear.fits.items()
+    }
+    unclear = replace(clear, fits=fits)
+    assert identify._spared([], clear, "auto") == identify.CALM
+    assert identify._spared([], unclear, "auto") is None
+    assert identify._spared([], unclear, "equation-error") == identify.ASKED
 
 
 def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
