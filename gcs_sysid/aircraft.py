@@ -43,15 +43,18 @@ class Mass:
     inertia_sigma: float = 0.1
 
     @property
-    def inertia(self) -> Float[np.ndarray, "axis axis"]:
-        """Inertia tensor about the centre of gravity, body axes [kg·m²]."""
-        return np.array(
-            [
-                [self.Ixx, -self.Ixy, -self.Ixz],
-                [-self.Ixy, self.Iyy, -self.Iyz],
-                [-self.Ixz, -self.Iyz, self.Izz],
-            ]
+    def inertia_rows(self) -> tuple[Vector, Vector, Vector]:
+        """Rows of the inertia tensor about the centre of gravity, body axes [kg·m²]."""
+        return (
+            (self.Ixx, -self.Ixy, -self.Ixz),
+            (-self.Ixy, self.Iyy, -self.Iyz),
+            (-self.Ixz, -self.Iyz, self.Izz),
         )
+
+    @property
+    def inertia(self) -> Float[np.ndarray, "axis axis"]:
+        """Inertia tensor as an array."""
+        return np.array(self.inertia_rows)
 
 
 @dataclass(frozen=True)

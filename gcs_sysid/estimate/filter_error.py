@@ -26,8 +26,8 @@ from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.model.aided import State
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 SMOOTHED = 3
@@ -99,8 +99,9 @@ def fit(
     done = None
     if stretch is None:
         part = flight if whole else flight_rows.cut(flight, taken)
-        begun = settling.settle(model, part, first, beliefs, counts[taken], progress)
-        done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        begun = settling.settle(model, part, first, beliefs, counts[taken], progress, rough=True)
+        sets = scoring.SETS if whole else 1
+        done = scoring.climbed(model, first.means, begun, beliefs, progress, sets=sets)
         first, stretch = done.unknowns, done.curvature
     if done is None or not whole:
         begun = settling.rested(model, flight, first, beliefs, counts)

@@ -29,8 +29,10 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.air import Turbulence
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
-from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
+from gcs_sysid.reconstruct.aided_smoother import Chunk
 from gcs_sysid.reconstruct.causal import Path
 from gcs_sysid.reconstruct.linear_filter import Belief
 
@@ -98,7 +100,7 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
 
     All around, with times and rotations as they were believed before: those found with a field
     that lies another way have grown to make up for it. The best of them, and the intensities as
-    they are, then climb side by side.
+    they are, then climb side by side; where the best is next to these, they are what they were.
 
     Args:
         model: the aircraft.
@@ -121,12 +123,25 @@ def oriented(model: FlightModel, means: Means, path: Path, prior: Prior, log_noi
             tried.append(log_noise._replace(turbulence=turbulence))
     densities = parallel.each(lambda noise: _density(noise, about), tried)
     turned = tried[int(np.argmax(densities))]
+    if _alike(turned.turbulence, log_noise.turbulence):
+        return log_noise
 
     def climb(begun: Noise) -> tuple[float, Noise]:
         search = climbed(model, means, path, prior, Search(begun), CLIMBED)
         return _density(search.log_noise, about), search.log_noise
 
     return max(parallel.each(climb, (log_noise, turned)), key=lambda end: end[0])[1]
+
+
+def _alike(first: Turbulence, second: Turbulence) -> bool:
+    """Whether two fields lie within one of the directions that are tried of each other.
+
+    A field is the same turned by half a circle with the rotations of its gusts reversed.
+    """
+    flipped = (np.sign(first.coupling) * np.sign(second.coupling)).tolist()
+    between = float(first.azimuth - second.azimuth) + (np.pi if flipped == [-1.0, -1.0] else 0.0)
+    same = flipped[0] == flipped[1]
+    return same and abs((between + np.pi) % (2.0 * np.pi) - np.pi) < 2.0 * np.pi / AROUND
 
 
 class Lined(NamedTuple):
@@ -297,7 +312,7 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
     return jax.vmap(one)(chunk.row, still)
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def _still(model: FlightModel, means: Means, chunk: Chunk, last: State | None) -> Still:
     def one(part: Chunk) -> Array:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))

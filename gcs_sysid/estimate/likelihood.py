@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -32,8 +31,9 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Means, Noise, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
-from gcs_sysid.reconstruct.aided_smoother import Chunk, FlightModel
+from gcs_sysid.reconstruct.aided_smoother import Chunk
 from gcs_sysid.reconstruct.causal import Moving, Path
 from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
 
@@ -310,7 +310,7 @@ class _Asked:
         )
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def _turned(
     model: FlightModel,
     means: Means,

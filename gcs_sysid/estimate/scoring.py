@@ -29,8 +29,8 @@ from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
 from gcs_sysid.model.aided import Means, Noise
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.causal import Path
 
 STEPS = 8
@@ -132,6 +132,8 @@ def climbed(
     beliefs: Beliefs,
     progress: Callable[[str], None],
     stretch: Curvature | None = None,
+    *,
+    sets: int = SETS,
 ) -> Scored:
     """Steps from where a flight settled.
 
@@ -142,6 +144,7 @@ def climbed(
         beliefs: about everything.
         progress: told about every step.
         stretch: curvature of a stretch of the flight, where it is known.
+        sets: times that instruments are made at most.
 
     Raises:
         LostError: the filter lost the aircraft.
@@ -183,7 +186,7 @@ def climbed(
     history, ended, moving = [here.log_likelihood], False, np.inf
     derivatives = found < ravel_pytree(like.aerodynamics)[0].size
     told = ~_marked(like, ONLY_TOGETHER)[found]
-    for number in range(SETS):
+    for number in range(sets):
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(

@@ -24,15 +24,16 @@ from gcs_sysid.estimate import intensities, quasi_newton
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest, cut
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model.aided import Means, Noise
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 from gcs_sysid.reconstruct.causal import Pass, Path
 
 STRETCH = 4000
 """Rows of the stretch on which a search begins."""
 FIRST_TURNS, TURNS = 16, 24
-ORIENTED = (1, 6)
-"""Turns of the first stretch in which the gusts' field is looked for."""
+ORIENTED = 1
+"""Turn of the first stretch in which the gusts' field is looked for; and once more, when little is
+left to gain."""
 STEPS = 2
 """Steps of the intensities in a turn."""
 FAR = 1000.0
@@ -48,7 +49,8 @@ SETBACK = 300.0
 """A turn that loses more than this went too far [nat]; less may come with a path that moves."""
 MOST_SETBACKS, SHORTENED = 3, 0.3
 QUIET = 100.0
-"""Where the intensities gained more than this, the slope has changed by them [nat]."""
+"""Where the intensities gained more than this, the slope has changed by them [nat]. A turn that
+grew by less is the last where finer ones follow."""
 CALM = 20.0
 """Where they gained more than this, a slope that changed less than was expected may have done so by
 them."""
@@ -107,6 +109,7 @@ def settle(
     progress: Callable[[str], None],
     *,
     near: bool = False,
+    rough: bool = False,
 ) -> Settled:
     """Settles a flight.
 
@@ -118,6 +121,7 @@ def settle(
         counts: rows from which the parameters of the mean are taken.
         progress: told about every turn.
         near: whether `first` and the flight's states are near what is sought.
+        rough: whether finer steps follow (`scoring`), so that nothing has to end here.
     """
     if not near:
         part, every = flight, counts
@@ -125,11 +129,15 @@ def settle(
             begin = busiest(flight, STRETCH)
             part, every = cut(flight, begin), counts[begin]
         first = _neared(model, part, first, beliefs, every, progress)
-        begun = _turns(model, part, first, beliefs, every, FIRST_TURNS, progress, oriented=True)
+        begun = _turns(
+            *(model, part, first, beliefs, every, FIRST_TURNS, progress),
+            oriented=True,
+            rough=rough or part is not flight,
+        )
         first = Unknowns(_means(first.means, begun.values), begun.log_noise)
         if part is flight:
             return begun
-    return _turns(model, flight, first, beliefs, counts, TURNS, progress, oriented=False)
+    return _turns(model, flight, first, beliefs, counts, TURNS, progress)
 
 
 def rested(
@@ -198,12 +206,13 @@ def _turns(
     turns: int,
     progress: Callable[[str], None],
     *,
-    oriented: bool,
+    oriented: bool = False,
+    rough: bool = False,
 ) -> Settled:
     search = Search(first.log_noise)
     path = _path(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
-    free, ended = np.diagonal(beliefs.covariance) > 0.0, False
+    free, ended, looks = np.diagonal(beliefs.covariance) > 0.0, False, 2 if oriented else 0
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path, None), 0
     history: list[float] = []
     before: _Slope | None = None
@@ -225,16 +234,22 @@ def _turns(
         move, gain, before = _newton(done, beliefs, values, before)
         if grown > 0.0:
             best = _Turn(density, values, search.log_noise, path, before)
-        if gain + search.gained < ENOUGH[0] and grown < ENOUGH[1]:
+        enough = gain + search.gained < ENOUGH[0] and grown < ENOUGH[1]
+        quiet = turn > ORIENTED and grown < QUIET
+        if enough or (rough and quiet and not looks):
             ended = True
             break
         values = values + move
         path, means = done.path, _means(first.means, values)
         if gain + search.gained > QUIET:
             path = _renewed(model, Unknowns(means, search.log_noise), path)
-        if oriented and turn in ORIENTED:
+        if (looks == 2 and turn == ORIENTED) or (looks == 1 and quiet):
+            looks -= 1
             turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
-            search = Search(turned)
+            if turned is not search.log_noise:
+                search = Search(turned)
+            elif rough and quiet:
+                break
         search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
         if search.gained > QUIET:
             before = None
@@ -242,11 +257,12 @@ def _turns(
             before = before._replace(least=1.0)
     # The last move has not been looked at: it stays if it did no harm.
     means = _means(first.means, values)
-    last = causal.passed(model, means, search.log_noise, path, counts)
+    told_of = free if rough else None
+    last = causal.passed(model, means, search.log_noise, path, counts, chosen=told_of)
     if not float(last.log_likelihood.sum()) > best.density - SETBACK:
         values, search, ended = best.values, search._replace(log_noise=best.log_noise), False
         means = _means(first.means, values)
-        last = causal.passed(model, means, best.log_noise, best.path, counts)
+        last = causal.passed(model, means, best.log_noise, best.path, counts, chosen=told_of)
     history.append(float(last.log_likelihood.sum()))
     return Settled(values, search.log_noise, last, counts, tuple(history), ended)
 

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gcs_sysid import frames
@@ -331,7 +330,7 @@ def through_air(
         wind = departures.sheared(wind, by, row.climbed)
     through = frames.unrotate(state.attitude, state.velocity - wind - state.air.gust)
     against = rate - frames.unrotate(state.attitude, state.air.spin)
-    lever = jnp.asarray(np.array(place)) - departures.centre(aircraft, by)
+    lever = jnp.asarray(place) - departures.centre(aircraft, by)
     return frames.flow_angles(through + frames.cross(against, lever))
 
 
@@ -368,7 +367,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     change, rate = changing(aircraft, means, state, row, 2)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     force = frames.unrotate(state.attitude, change.velocity - gravity)
-    unit = jnp.asarray(np.array(aircraft.imu.position)) - centre
+    unit = jnp.asarray(aircraft.imu.position) - centre
     sensed, source = rate, state.attitude_error
     if by is not None:
         unit = unit + by.imu_position

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid import frames
@@ -105,5 +104,5 @@ def turned(unit: Float[Array, " axis"], by: Departures) -> Float[Array, " axis"]
 
 def centre(aircraft: Aircraft, by: Departures | None) -> Float[Array, " axis"]:
     """Centre of gravity from the airframe point [m]."""
-    place = jnp.asarray(np.array(aircraft.mass.cg))
+    place = jnp.asarray(aircraft.mass.cg)
     return place if by is None else place.at[0].add(by.cg)

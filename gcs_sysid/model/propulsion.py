@@ -130,7 +130,7 @@ def _scaled(
     airspeed: Float[ArrayLike, "*sample"],
     density: Float[ArrayLike, "*sample"],
 ) -> Float[Array, "*sample"]:
-    rows = jnp.asarray(propulsion.rpm or propulsion.throttle)
+    rows = jnp.asarray(propulsion.throttle if propulsion.rpm is None else propulsion.rpm)
     at_sea_level = tables.bilinear(
         setting, airspeed, rows, jnp.asarray(propulsion.airspeed), jnp.asarray(table)
     )

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float, Int
 
 from gcs_sysid import frames
@@ -109,8 +108,8 @@ def parameters(aircraft: Aircraft) -> Parameters:
     """The values that an aircraft file gives."""
     return Parameters(
         mass=jnp.asarray(aircraft.mass.mass),
-        inertia=jnp.asarray(aircraft.mass.inertia),
-        cg=jnp.asarray(np.array(aircraft.mass.cg)),
+        inertia=jnp.asarray(aircraft.mass.inertia_rows),
+        cg=jnp.asarray(aircraft.mass.cg),
         aerodynamics={
             name: {key: jnp.asarray(item.value) for key, item in model.terms.items()}
             for name, model in aircraft.aerodynamics.items()
@@ -210,18 +209,18 @@ def _thrust(
     """Sum of thrusts [N], and their moment about the centre of gravity with torque [N·m]."""
     force, moment = jnp.zeros(3), jnp.zeros(3)
     for index, engine in enumerate(aircraft.propulsion):
-        axis = jnp.asarray(np.array(engine.axis) / np.linalg.norm(engine.axis))
-        place = jnp.asarray(np.array(engine.position))
+        along = jnp.asarray(engine.axis)
+        axis, place = along / jnp.linalg.norm(along), jnp.asarray(engine.position)
         ratio: Float[Array, ""] | float = 1.0
         if values.thrust is not None:
             ratio, drop, tilt = values.thrust
             axis = _tilted_up(axis, tilt)
             place = place.at[2].add(drop)
         setting = inputs.settings[index]
-        along = ratio * propulsion.static_thrust(engine, setting, speed, inputs.density) * axis
+        push = ratio * propulsion.static_thrust(engine, setting, speed, inputs.density) * axis
         torque = propulsion.static_torque(engine, setting, speed, inputs.density)
-        force = force + along
-        moment = moment + frames.cross(place - values.cg, along) + torque * axis
+        force = force + push
+        moment = moment + frames.cross(place - values.cg, push) + torque * axis
     return force, moment
 
 

@@ -38,10 +38,10 @@ from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.model import departures
 from gcs_sysid.model.aided import Means
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 
 LONGEST = 20000
 """Rows of a flight that are fitted at most, those with the most control; states are found for all

@@ -27,10 +27,10 @@ from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.unlisted import terms
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.settled import Subject
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 
 ROUNDS = 3
 """Favourites that are put to the test."""

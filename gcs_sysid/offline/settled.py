@@ -27,10 +27,10 @@ from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model import departures
 from gcs_sysid.model.aided import State
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.reconstruct import aided_smoother, causal
-from gcs_sysid.reconstruct.aided_smoother import FlightModel
 
 LONGEST = 12000
 """Rows of a flight that are looked at, those with the most control: four minutes at 50 Hz."""

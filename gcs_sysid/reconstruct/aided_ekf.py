@@ -8,7 +8,6 @@ moment of an update, after which it is folded into the aircraft's.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -18,10 +17,11 @@ from filterpy.kalman import ExtendedKalmanFilter
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import ROW_COUNT, SIZE, Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
-from gcs_sysid.reconstruct.aided_smoother import Beginning, FlightModel
+from gcs_sysid.model.flight_model import FlightModel
+from gcs_sysid.reconstruct.aided_smoother import Beginning
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def _ahead(
     model: FlightModel, means: Means, noise: Noise, state: State, row: Row
 ) -> tuple[State, Linearised]:

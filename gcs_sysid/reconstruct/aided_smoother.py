@@ -9,7 +9,6 @@ kinematic reconstruction.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -19,24 +18,17 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid import parallel
-from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import linear_filter
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 CHUNK = 200
 """Rows worked on at once: their matrices stay in a core's cache, and their memory with the program.
 That of 2000 rows the system gave and took back page by page."""
-
-
-@dataclass(frozen=True, eq=False)
-class FlightModel:
-    """An aircraft as the filter looks it up; compared by identity, compiled once each."""
-
-    aircraft: Aircraft
 
 
 class Chunk(NamedTuple):
@@ -66,7 +58,7 @@ def positive(log_noise: Noise) -> Noise:
     return noise._replace(turbulence=noise.turbulence._replace(**signed))
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk) -> Linearised:
     """Every row of a chunk about its nominal flight."""
     noise = positive(log_noise)

@@ -32,8 +32,9 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, linear_filter
-from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk, FlightModel
+from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk
 from gcs_sysid.reconstruct.linear_filter import Belief
 
 BLOCK = 100
@@ -266,7 +267,7 @@ def moved(state: State, error: Float[Array, "sample state"]) -> State:
     return jax.vmap(aided.compose)(state, error)
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def sensitivities(
     model: FlightModel,
     means: Means,
@@ -308,7 +309,7 @@ def sensitivities(
     return jax.vmap(one)(chunk, rows.transition)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=1)
 def _with_more(
     model: FlightModel,
     more: More,

@@ -15,9 +15,10 @@ from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.model import aided, aided_linear, rigid_body
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.model.kinematics import Measurements
 from gcs_sysid.reconstruct import aided_smoother
-from gcs_sysid.reconstruct.aided_smoother import Beginning, FlightModel
+from gcs_sysid.reconstruct.aided_smoother import Beginning
 
 TERMS = {
     "CZ": {"1": -0.25, "alpha": -5.0},
