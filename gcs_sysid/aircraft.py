@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -43,8 +43,11 @@ class Mass:
     inertia_sigma: float = 0.1
 
     @property
-    def inertia_rows(self) -> tuple[Vector, Vector, Vector]:
-        """Rows of the inertia tensor about the centre of gravity, body axes [kg·m²]."""
+    def inertia_rows(self) -> tuple[tuple[Any, ...], ...]:
+        """Rows of the inertia tensor about the centre of gravity, body axes [kg·m²].
+
+        Of numbers, or of what stands for them where this is compiled.
+        """
         return (
             (self.Ixx, -self.Ixy, -self.Ixz),
             (-self.Ixy, self.Iyy, -self.Iyz),

@@ -319,7 +319,7 @@ def through_air(
     state: State,
     row: Row,
     rate: Float[Array, " axis"],
-    place: tuple[float, float, float],
+    place: Float[Array, " axis"],
 ) -> tuple[Array, Array, Array]:
     """True airspeed, angle of attack and sideslip at a place of the airframe.
 
@@ -330,7 +330,7 @@ def through_air(
         wind = departures.sheared(wind, by, row.climbed)
     through = frames.unrotate(state.attitude, state.velocity - wind - state.air.gust)
     against = rate - frames.unrotate(state.attitude, state.air.spin)
-    lever = jnp.asarray(place) - departures.centre(aircraft, by)
+    lever = place - departures.centre(aircraft, by)
     return frames.flow_angles(through + frames.cross(against, lever))
 
 
@@ -338,7 +338,9 @@ def filling(
     aircraft: Aircraft, means: Means, state: State, row: Row, rate: Float[Array, " axis"]
 ) -> Float[Array, " one"]:
     """Rate of change of what a tube with a lag shows, (V − tube)/TUBE [m/s²]."""
-    speed, _, _ = through_air(aircraft, means, state, row, rate, aircraft.pitot.position)
+    speed, _, _ = through_air(
+        aircraft, means, state, row, rate, jnp.asarray(aircraft.pitot.position)
+    )
     return (speed - state.tube) / TUBE
 
 
@@ -385,10 +387,10 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
             velocity=state.velocity + by * change.velocity,
         )
 
-    def flow(at: State, place: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+    def flow(at: State, place: Float[Array, " axis"]) -> tuple[Array, Array, Array]:
         return through_air(aircraft, means, at, row, rate, place)
 
-    speed, _, _ = flow(shifted(0, errors.airspeed_delay), aircraft.pitot.position)
+    speed, _, _ = flow(shifted(0, errors.airspeed_delay), jnp.asarray(aircraft.pitot.position))
     late = row.measured.age[0] - errors.airspeed_delay
     shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
     lag = aircraft.pitot.error.lag + errors.airspeed_lag
@@ -397,7 +399,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     turned = shifted(2, errors.attitude_delay).attitude
     expected = frames.multiply(frames.exponential(source), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
-    _, alpha, beta = flow(shifted(3, errors.vane_delay), vanes)
+    _, alpha, beta = flow(shifted(3, errors.vane_delay), jnp.asarray(vanes))
     return jnp.concatenate(
         [
             row.gyro - sensed - errors.gyro_bias,

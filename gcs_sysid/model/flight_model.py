@@ -51,7 +51,7 @@ class FlightModel:
 
 def _looked_up(aircraft: Aircraft) -> Aircraft:
     """The aircraft without what no equation reads: names, servos, timing, sigmas, envelope."""
-    pitot, vanes, none = aircraft.pitot, aircraft.vanes, Value(0, 0)
+    pitot, vanes, none = aircraft.pitot, aircraft.vanes, Value(0.0, 0.0)
     return Aircraft(
         name="",
         mass=replace(aircraft.mass, mass_sigma=0.0, inertia_sigma=0.0),
@@ -73,7 +73,7 @@ def _looked_up(aircraft: Aircraft) -> Aircraft:
 
 def _form(value: Any, numbers: list[np.ndarray]) -> Any:
     """What is left of a value when its numbers are taken out, in order; can be compared."""
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, Value):
         parts = [(each.name, getattr(value, each.name)) for each in fields(value)]
         return type(value), tuple((name, _form(part, numbers)) for name, part in parts)
     if isinstance(value, Mapping):
@@ -100,6 +100,12 @@ def _made(form: Any, numbers: Iterator[Any]) -> Any:
     if kind is float:
         return next(numbers)
     made = [(name, _made(part, numbers)) for name, part in parts]
+    if kind is dict:
+        return dict(made)
     if kind is tuple:
         return tuple(part for _, part in made)
-    return kind(**dict(made)) if kind is not dict else dict(made)
+    # Past the constructor, which promises floats.
+    instance = object.__new__(kind)
+    for name, part in made:
+        object.__setattr__(instance, name, part)
+    return instance

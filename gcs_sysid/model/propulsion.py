@@ -60,7 +60,7 @@ def static_thrust(
         airspeed: true airspeed [m/s].
         density: of the air [kg/m³].
     """
-    return _scaled(propulsion, propulsion.thrust, setting, airspeed, density)
+    return _scaled(propulsion, jnp.asarray(propulsion.thrust), setting, airspeed, density)
 
 
 def static_torque(
@@ -75,7 +75,7 @@ def static_torque(
     """
     if propulsion.torque is None:
         return jnp.zeros_like(jnp.asarray(setting))
-    return _scaled(propulsion, propulsion.torque, setting, airspeed, density)
+    return _scaled(propulsion, jnp.asarray(propulsion.torque), setting, airspeed, density)
 
 
 def thrust(
@@ -125,15 +125,13 @@ def torque(
 
 def _scaled(
     propulsion: Propulsion,
-    table: tuple[tuple[float, ...], ...],
+    table: Float[Array, "row column"],
     setting: Float[ArrayLike, "*sample"],
     airspeed: Float[ArrayLike, "*sample"],
     density: Float[ArrayLike, "*sample"],
 ) -> Float[Array, "*sample"]:
     rows = jnp.asarray(propulsion.throttle if propulsion.rpm is None else propulsion.rpm)
-    at_sea_level = tables.bilinear(
-        setting, airspeed, rows, jnp.asarray(propulsion.airspeed), jnp.asarray(table)
-    )
+    at_sea_level = tables.bilinear(setting, airspeed, rows, jnp.asarray(propulsion.airspeed), table)
     return at_sea_level * jnp.asarray(density) / SEA_LEVEL_DENSITY
 
 
