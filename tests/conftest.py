@@ -17,6 +17,7 @@ from gcs_sysid.cli import numerics
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
+numerics.compile_quickly()
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -138,10 +138,11 @@ def _alike(first: Turbulence, second: Turbulence) -> bool:
 
     A field is the same turned by half a circle with the rotations of its gusts reversed.
     """
-    flipped = (np.sign(first.coupling) * np.sign(second.coupling)).tolist()
-    between = float(first.azimuth - second.azimuth) + (np.pi if flipped == [-1.0, -1.0] else 0.0)
-    same = flipped[0] == flipped[1]
-    return same and abs((between + np.pi) % (2.0 * np.pi) - np.pi) < 2.0 * np.pi / AROUND
+    product = np.asarray(first.coupling * second.coupling)
+    same, reversed_ = bool(np.all(product > 0.0)), bool(np.all(product < 0.0))
+    between = float(first.azimuth - second.azimuth) + np.pi * reversed_
+    near = abs((between + np.pi) % (2.0 * np.pi) - np.pi) < 2.0 * np.pi / AROUND
+    return near and (same or reversed_)
 
 
 class Lined(NamedTuple):

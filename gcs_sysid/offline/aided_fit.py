@@ -43,9 +43,9 @@ from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
 
-LONGEST = 20000
-"""Rows of a flight that are fitted at most, those with the most control; states are found for all
-of them."""
+LONGEST = 12000
+"""Rows of a flight that are fitted at most, those with the most control: four minutes at 50 Hz.
+States are found for all of them."""
 STILL_GROWING, STILL_MOVING = 2.0, 1.5
 """A search that has not ended has found nothing where its log-likelihood changed by more than this
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases

@@ -97,6 +97,37 @@ def test_the_choice_is_made_before_linear_algebra_is_loaded():
     subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=60)
 
 
+COMPILED = """
+import jax
+from gcs_sysid.cli import numerics
+numerics.compile_quickly()
+print(float(jax.jit(lambda x: x + 1.0)(1.0)))
+"""
+
+
+def test_the_compiler_knows_the_flag():
+    """One that it does not know would end the program."""
+    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILED],
+        env=environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "2.0"
+
+
+def test_a_version_that_may_not_know_the_flag_is_not_told(monkeypatch):
+    monkeypatch.setattr(numerics, "version", lambda name: "0.11.0")
+    monkeypatch.setenv("XLA_FLAGS", "--xla_of_mine")
+    numerics.compile_quickly()
+    assert os.environ["XLA_FLAGS"] == "--xla_of_mine"
+    monkeypatch.setattr(numerics, "version", lambda name: "0.10.2")
+    numerics.compile_quickly()
+    assert os.environ["XLA_FLAGS"] == "--xla_of_mine --xla_cpu_use_fusion_emitters=false"
+    numerics.compile_quickly()
+    assert os.environ["XLA_FLAGS"].count("fusion") == 1
+
+
 FAULTS = """
 import resource
 import numpy as np

@@ -221,3 +221,17 @@ def test_the_field_of_the_gusts_is_found_by_looking_all_around(flight) -> None:
     # Turned by half a circle it is the same with the signs changed: what turns what is compared.
     told, flew = (np.ravel(air.coupling_matrix(one)) for one in (found, turbulence))
     assert told @ flew > np.cos(0.8) * np.linalg.norm(told) * np.linalg.norm(flew)
+
+
+@pytest.mark.parametrize(("sign", "turn"), [(1.0, 0.2), (-1.0, np.pi - 0.2)])
+def test_a_field_that_was_found_is_left_as_it_is(flight, sign, turn) -> None:
+    like = made.unknowns(1.0)
+    path = settled(flight, like.means)
+    turbulence = like.log_noise.turbulence
+    held = jax.tree.map(jnp.zeros_like, like.log_noise)
+    free = held.turbulence._replace(coupling=turbulence.coupling, azimuth=jnp.asarray(2.0))
+    prior = Prior(like.log_noise, held._replace(turbulence=free))
+    best = intensities.oriented(made.MODEL, like.means, path, prior, like.log_noise).turbulence
+    near = best._replace(coupling=sign * best.coupling, azimuth=best.azimuth + turn)
+    begun = like.log_noise._replace(turbulence=near)
+    assert intensities.oriented(made.MODEL, like.means, path, prior, begun) is begun
