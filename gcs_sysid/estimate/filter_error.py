@@ -100,8 +100,7 @@ def fit(
     if stretch is None:
         part = flight if whole else flight_rows.cut(flight, taken)
         begun = settling.settle(model, part, first, beliefs, counts[taken], progress, rough=True)
-        sets = scoring.SETS if whole else 1
-        done = scoring.climbed(model, first.means, begun, beliefs, progress, sets=sets)
+        done = scoring.climbed(model, first.means, begun, beliefs, progress)
         first, stretch = done.unknowns, done.curvature
     if done is None or not whole:
         begun = settling.rested(model, flight, first, beliefs, counts)

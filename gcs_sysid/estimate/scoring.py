@@ -132,8 +132,6 @@ def climbed(
     beliefs: Beliefs,
     progress: Callable[[str], None],
     stretch: Curvature | None = None,
-    *,
-    sets: int = SETS,
 ) -> Scored:
     """Steps from where a flight settled.
 
@@ -144,7 +142,6 @@ def climbed(
         beliefs: about everything.
         progress: told about every step.
         stretch: curvature of a stretch of the flight, where it is known.
-        sets: times that instruments are made at most.
 
     Raises:
         LostError: the filter lost the aircraft.
@@ -186,7 +183,7 @@ def climbed(
     history, ended, moving = [here.log_likelihood], False, np.inf
     derivatives = found < ravel_pytree(like.aerodynamics)[0].size
     told = ~_marked(like, ONLY_TOGETHER)[found]
-    for number in range(sets):
+    for number in range(SETS):
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(

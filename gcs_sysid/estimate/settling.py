@@ -50,7 +50,9 @@ SETBACK = 300.0
 MOST_SETBACKS, SHORTENED = 3, 0.3
 QUIET = 100.0
 """Where the intensities gained more than this, the slope has changed by them [nat]. A turn that
-grew by less is the last where finer ones follow."""
+grew by less is quiet."""
+CALMED = 2
+"""Quiet turns, one after the other, that end a search where finer steps follow."""
 CALM = 20.0
 """Where they gained more than this, a slope that changed less than was expected may have done so by
 them."""
@@ -212,7 +214,8 @@ def _turns(
     search = Search(first.log_noise)
     path = _path(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
-    free, ended, looks = np.diagonal(beliefs.covariance) > 0.0, False, 2 if oriented else 0
+    free, ended = np.diagonal(beliefs.covariance) > 0.0, False
+    looks, quiet = 2 if oriented else 0, 0
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path, None), 0
     history: list[float] = []
     before: _Slope | None = None
@@ -235,8 +238,8 @@ def _turns(
         if grown > 0.0:
             best = _Turn(density, values, search.log_noise, path, before)
         enough = gain + search.gained < ENOUGH[0] and grown < ENOUGH[1]
-        quiet = turn > ORIENTED and grown < QUIET
-        if enough or (rough and quiet and not looks):
+        quiet = quiet + 1 if turn > ORIENTED and grown < QUIET else 0
+        if enough or (rough and quiet == CALMED and not looks):
             ended = True
             break
         values = values + move
@@ -248,8 +251,6 @@ def _turns(
             turned = intensities.oriented(model, means, path, beliefs.noise, search.log_noise)
             if turned is not search.log_noise:
                 search = Search(turned)
-            elif rough and quiet:
-                break
         search = intensities.climbed(model, means, path, beliefs.noise, search, STEPS)
         if search.gained > QUIET:
             before = None

@@ -46,11 +46,11 @@ from gcs_sysid.reconstruct import aided_smoother
 LONGEST = 12000
 """Rows of a flight that are fitted at most, those with the most control: four minutes at 50 Hz.
 States are found for all of them."""
-STILL_GROWING, STILL_MOVING = 2.0, 1.5
+STILL_GROWING, STILL_MOVING = 2.0, 3.0
 """A search that has not ended has found nothing where its log-likelihood changed by more than this
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
 that are told to a hundredth of a thousandth may still be on their way; deviations hold the rest
-(`Scored.covariance`)."""
+(`Scored.covariance`), as far as that is a line: three of them."""
 EXACT = 1e-4
 """Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
 OFF = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
