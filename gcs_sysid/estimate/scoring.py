@@ -99,7 +99,8 @@ class Scored:
         """Of all that was sought (Godambe, Biometrika 72, 1985): A⁻¹ M A⁻ᵀ with the prior.
 
         The lag of the moments is believed to `TIMING` at best, and what goes with it accordingly.
-        Where a search had not ended, everything is as much wider as a derivative was still to move.
+        Where a search had not ended, what the flight tells counts for less, by as much as a
+        derivative was still to move; what was believed before stays.
         """
         factor = self.scatter()
         scatter = self.curvature.scatter / factor + self.precision
@@ -110,7 +111,7 @@ class Scored:
         for lag in np.flatnonzero(_marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
             along = found[:, lag] / found[lag, lag]
             found = found + TIMING**2 * np.outer(along, along)
-        return found if self.ended else (1.0 + self.moving**2) * found
+        return found if self.ended else _doubted(found, self.precision, 1.0 + self.moving**2)
 
 
 class LostError(Exception):
@@ -228,6 +229,20 @@ def climbed(
         ended=ended,
         moving=moving,
     )
+
+
+def _doubted(
+    covariance: Float[np.ndarray, "unknown unknown"],
+    precision: Float[np.ndarray, "unknown unknown"],
+    times: float,
+) -> Float[np.ndarray, "unknown unknown"]:
+    """A covariance with that of what was measured so many times as large, and the beliefs' kept."""
+    size = np.sqrt(np.diagonal(covariance))
+    believed = precision * np.outer(size, size)
+    told = np.linalg.inv(covariance / np.outer(size, size)) - believed
+    values, vectors = np.linalg.eigh(0.5 * (told + told.T))
+    told = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.linalg.inv(told / times + believed) * np.outer(size, size)
 
 
 def inverse(matrix: Float[np.ndarray, "row row"]) -> Float[np.ndarray, "row row"]:

@@ -120,6 +120,27 @@ def test_sums_that_move_less_are_known_less() -> None:
     np.testing.assert_allclose(stopped.covariance(), [[1.25]])
 
 
+def test_a_search_that_stopped_leaves_what_was_believed_as_it_was() -> None:
+    """Of two derivatives the flight tells the sum; their difference is as it was believed."""
+    known = made.unknowns(1.0)
+    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
+    free[:2] = True
+    told, believed = np.full((2, 2), 50.0), np.diag([4.0, 1.0])
+    done = Scored(
+        unknowns=known,
+        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
+        curvature=Curvature(told, told, told),
+        blocks=np.zeros((2, 2)),
+        precision=believed,
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=False,
+        moving=3.0,
+    )
+    left = np.linalg.inv(done.covariance()) - believed
+    np.testing.assert_allclose(left, told / 10.0, rtol=1e-9)
+
+
 def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:
     """And what goes with it: here a derivative that moves by 20 for a second of lag."""
     known = made.unknowns(1.0)
