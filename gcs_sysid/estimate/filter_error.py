@@ -93,16 +93,13 @@ def fit(
     Raises:
         LostError: the filter lost the aircraft.
     """
-    count = flight.rows.step.shape[0]
-    taken = flight_rows.busiest(flight, settling.STRETCH)
-    whole = taken.stop - taken.start == count
+    part, taken = flight_rows.busiest(flight, counts, settling.STRETCH)
     done = None
     if stretch is None:
-        part = flight if whole else flight_rows.cut(flight, taken)
-        begun = settling.settle(model, part, first, beliefs, counts[taken], progress, rough=True)
+        begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
         done = scoring.climbed(model, first.means, begun, beliefs, progress)
         first, stretch = done.unknowns, done.curvature
-    if done is None or not whole:
+    if done is None or part is not flight:
         begun = settling.rested(model, flight, first, beliefs, counts)
         done = scoring.climbed(model, first.means, begun, beliefs, progress, stretch)
     unknowns = done.unknowns

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Bool
 
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.reconstruct.aided_smoother import Beginning
@@ -34,13 +35,31 @@ class Flight:
     beginning: Beginning
 
 
-def busiest(flight: Flight, count: int) -> slice:
-    """Where the controls of a flight move most for `count` rows, all of the flight if no longer.
+LONGEST = 12000
+"""Rows of a flight that are fitted at most: four minutes at 50 Hz."""
+
+
+def busiest(
+    flight: Flight, counts: Bool[np.ndarray, " row"], longest: int = LONGEST
+) -> tuple[Flight, Bool[np.ndarray, " stretch"]]:
+    """The stretch of a flight with the most control, and its part of what is known of every row.
+
+    Args:
+        flight: itself the answer where it is no longer than that.
+        counts: which rows take part.
+        longest: rows of the stretch.
+    """
+    if flight.rows.step.shape[0] <= longest:
+        return flight, counts
+    rows = _liveliest(flight, longest)
+    return _cut(flight, rows), counts[rows]
+
+
+def _liveliest(flight: Flight, count: int) -> slice:
+    """Where the controls of a flight move most for `count` rows, fewer than it has.
 
     The one with the greatest product of the controls' shares of movement, so that none is left out.
     """
-    if flight.rows.step.shape[0] <= count:
-        return slice(0, flight.rows.step.shape[0])
     moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
     moved[0] = 0.0
     moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
@@ -50,7 +69,7 @@ def busiest(flight: Flight, count: int) -> slice:
     return slice(start, start + count)
 
 
-def cut(flight: Flight, rows: slice) -> Flight:
+def _cut(flight: Flight, rows: slice) -> Flight:
     """A stretch of a flight, before which no more is believed than before its first row."""
     taken, nominal = jax.tree.map(lambda part: part[rows], (flight.rows, flight.nominal))
     first = jax.tree.map(lambda part: part[0], nominal)

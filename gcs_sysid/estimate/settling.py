@@ -21,7 +21,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import intensities, quasi_newton
-from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest, cut
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.model.flight_model import FlightModel
@@ -126,10 +126,7 @@ def settle(
         rough: whether finer steps follow (`scoring`), so that nothing has to end here.
     """
     if not near:
-        part, every = flight, counts
-        if flight.rows.step.shape[0] > STRETCH:
-            begin = busiest(flight, STRETCH)
-            part, every = cut(flight, begin), counts[begin]
+        part, every = busiest(flight, counts, STRETCH)
         first = _neared(model, part, first, beliefs, every, progress)
         begun = _turns(
             *(model, part, first, beliefs, every, FIRST_TURNS, progress),

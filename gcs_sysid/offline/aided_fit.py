@@ -43,9 +43,6 @@ from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
 
-LONGEST = 12000
-"""Rows of a flight that are fitted at most, those with the most control: four minutes at 50 Hz.
-States are found for all of them."""
 STILL_GROWING, STILL_MOVING = 2.0, 3.0
 """A search that has not ended has found nothing where its log-likelihood changed by more than this
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
@@ -161,7 +158,11 @@ def identify(
         aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
         notes=(
-            *(_cut_short(item) for item in prepared if item.rows.rows.step.size > LONGEST),
+            *(
+                _cut_short(item)
+                for item in prepared
+                if item.rows.rows.step.size > flight_rows.LONGEST
+            ),
             *(
                 _unended(item, fit)
                 for item, fit in zip(prepared, final_fits, strict=True)
@@ -196,7 +197,7 @@ def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
     item = _prepared(one, terms, (), body=False)
     count = len(in_common.keys(item.first.means))
     before = _beliefs(item, item.first, np.zeros((count, count)))
-    rows, counts = _busiest(item.rows, np.ones_like(item.held))
+    rows, counts = flight_rows.busiest(item.rows, np.ones_like(item.held))
     done = settling.settle(
         flown, rows, item.first, before, counts, lambda text: progress(f"smoothing: {text}", 0.9)
     )
@@ -297,7 +298,7 @@ def _fit(
     earlier: Fit | None,
     progress: Callable[[str], None],
 ) -> Fit:
-    rows, counts = _busiest(item.rows, counts)
+    rows, counts = flight_rows.busiest(item.rows, counts)
     before = _beliefs(item, _with(item.first, found), found.covariance)
     try:
         stretch = None if earlier is None else earlier.stretch
@@ -312,16 +313,6 @@ def _fit(
             f"deviations: {OFF}"
         )
     return fit
-
-
-def _busiest(
-    rows: flight_rows.Flight, counts: Bool[np.ndarray, " row"]
-) -> tuple[flight_rows.Flight, Bool[np.ndarray, " row"]]:
-    """The part of a flight that is fitted, and which of its rows count."""
-    if rows.rows.step.shape[0] <= LONGEST:
-        return rows, counts
-    begin = flight_rows.busiest(rows, LONGEST)
-    return flight_rows.cut(rows, begin), counts[begin]
 
 
 def _lost(one: Flight) -> str:
@@ -391,8 +382,8 @@ def _unended(item: _Prepared, fit: Fit) -> str:
 
 
 def _cut_short(item: _Prepared) -> str:
-    step = float(np.median(item.rows.rows.step))
+    minutes = float(np.median(item.rows.rows.step)) / 60.0
     return (
-        f"{item.one.recording.source}: of {item.rows.rows.step.size * step / 60.0:.0f} minutes the "
-        f"{LONGEST * step / 60.0:.0f} with the most control were fitted; states are of all"
+        f"{item.one.recording.source}: of {item.rows.rows.step.size * minutes:.0f} minutes the "
+        f"{flight_rows.LONGEST * minutes:.0f} with the most control were fitted; states are of all"
     )

@@ -32,8 +32,6 @@ from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.reconstruct import aided_smoother, causal
 
-LONGEST = 12000
-"""Rows of a flight that are looked at, those with the most control: four minutes at 50 Hz."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -165,10 +163,7 @@ def settle(
     if moved is not None:
         unravel = ravel_pytree(first.means)[1]
         first = first._replace(means=unravel(jnp.asarray(before.mean + moved)))
-    rows, fitted = subject.rows, subject.fitted
-    if rows.rows.step.shape[0] > LONGEST:
-        begin = flight_rows.busiest(rows, LONGEST)
-        rows, fitted = flight_rows.cut(rows, begin), fitted[begin]
+    rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     done = settling.settle(
         model,
         rows,

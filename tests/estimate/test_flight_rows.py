@@ -1,0 +1,39 @@
+"""Stretches of a flight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs_sysid.estimate import flight_rows
+from tests.estimate import made_flight as made
+
+
+@pytest.fixture(scope="module")
+def flight() -> flight_rows.Flight:
+    """Controls at rest but for one command and its end, two thirds of the way."""
+    whole = made.made_flight()
+    controls = np.zeros_like(np.asarray(whole.rows.controls))
+    begin = 2 * len(controls) // 3
+    controls[begin : begin + 20] = 0.1
+    return flight_rows.Flight(
+        whole.rows._replace(controls=controls), whole.nominal, whole.beginning
+    )
+
+
+def test_no_longer_than_that_it_is_the_flight_itself(flight: flight_rows.Flight) -> None:
+    counts = np.ones(flight.rows.step.shape[0], dtype=bool)
+    assert flight_rows.busiest(flight, counts)[0] is flight
+
+
+def test_the_stretch_holds_the_command(flight: flight_rows.Flight) -> None:
+    size = flight.rows.step.shape[0]
+    counts = np.arange(size) >= 2 * size // 3
+    part, kept = flight_rows.busiest(flight, counts, size // 4)
+    assert part.rows.step.shape == kept.shape == (size // 4,)
+    moved = np.asarray(part.rows.controls)[:, 0, 0]
+    assert moved.max() == 0.1
+    assert moved[0] == moved[-1] == 0.0
+    # Rows count as they did where they came from: the command began where they do.
+    assert np.flatnonzero(kept)[0] == np.flatnonzero(moved)[0]
+    assert part.rows.step[0] == 0.0
