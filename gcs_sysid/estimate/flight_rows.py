@@ -63,7 +63,7 @@ def _liveliest(flight: Flight, count: int) -> slice:
     moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
     moved[0] = 0.0
     moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
-    sums = np.cumsum(moved, axis=0)
+    sums = np.cumsum(np.concatenate([np.zeros((1, moved.shape[1])), moved]), axis=0)
     share = (sums[count:] - sums[:-count]) / np.maximum(sums[-1], 1e-12)
     start = int(np.argmax(np.sum(np.log(np.maximum(share, 1e-6)), axis=1)))
     return slice(start, start + count)
