@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -25,6 +26,7 @@ from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
 from gcs_sysid.model import trim as trims
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.model.rigid_body import Parameters, State
 from gcs_sysid.model.trim import Trim
 
@@ -138,7 +140,7 @@ def stated_covariance(
 
 
 class Linearisation:
-    """Linear models of one aircraft, compiled once for all conditions and all values.
+    """Linear models of one aircraft, for all conditions and all values of its terms.
 
     Args:
         aircraft: with its aerodynamics.
@@ -146,19 +148,7 @@ class Linearisation:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self.aircraft = aircraft
-
-        # Values are arguments, so that another model of the same terms is not compiled again.
-        def off(values: Array, unknown: Array, air: Array) -> Array:
-            return trims.imbalance(aircraft, parameters(aircraft, values), unknown, *air)
-
-        def slope(values: Array, unknown: Array, air: Array) -> tuple[Array, Array]:
-            return off(values, unknown, air), jax.jacfwd(off, argnums=1)(values, unknown, air)
-
-        def found(values: Array, unknown: Array, air: Array) -> Matrices:
-            return matrices(aircraft, values, unknown, air)
-
-        self._off = jax.jit(jax.vmap(slope, in_axes=(0, 0, None)))
-        self._found = jax.jit(jax.vmap(found, in_axes=(0, 0, None)))
+        self._model = FlightModel(aircraft)
 
     def at(self, trim: Trim, covariance: Float[np.ndarray, "value value"]) -> Linear:
         """The linear model at a trim of the aircraft.
@@ -204,13 +194,33 @@ class Linearisation:
         )
         values = _mean(self.aircraft) + moved
         for _ in range(TRIM_STEPS):
-            off, slope = (np.asarray(item) for item in self._off(values, unknown, air))
+            off, slope = (np.asarray(item) for item in _off(values, unknown, air, self._model))
             # Columns are scaled: a setting may be thousands of revolutions, an angle hundredths.
             size = 1.0 / np.linalg.norm(slope, axis=1)
             turn, triangle = np.linalg.qr(slope * size[:, None, :])
             along = np.einsum("dij,di->dj", turn, off)
             unknown = unknown - size * np.linalg.solve(triangle, along[..., None])[..., 0]
-        return Matrices(*(np.asarray(item) for item in self._found(values, unknown, air)))
+        return Matrices(*(np.asarray(item) for item in _found(values, unknown, air, self._model)))
+
+
+# What was compiled serves all aircraft of a form: numbers are arguments.
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, None, None))
+def _off(
+    values: Array, unknown: Array, air: Array, model: FlightModel
+) -> tuple[Float[Array, " equation"], Float[Array, "equation unknown"]]:
+    """What keeps a flight from being level, and how that changes with the trim."""
+
+    def off(unknown: Array) -> Array:
+        return trims.imbalance(model.aircraft, parameters(model.aircraft, values), unknown, *air)
+
+    return off(unknown), jax.jacfwd(off)(unknown)
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, None, None))
+def _found(values: Array, unknown: Array, air: Array, model: FlightModel) -> Matrices:
+    return matrices(model.aircraft, values, unknown, air)
 
 
 def _mean(aircraft: Aircraft) -> Float[np.ndarray, " value"]:

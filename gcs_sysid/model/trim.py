@@ -15,6 +15,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.model.rigid_body import Inputs, Parameters, State
 
 LEVEL = 0.05
@@ -65,28 +66,22 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
     Raises:
         UsageError: the model cannot fly level there.
     """
-    values = rigid_body.parameters(aircraft)
+    model, values = FlightModel(aircraft), rigid_body.parameters(aircraft)
     count, engines = len(aircraft.controls), len(aircraft.propulsion)
-
-    # Values are arguments, so that another model of the same terms is not compiled again.
-    def left(unknown: Array, values: Parameters, air: Array) -> Array:
-        return imbalance(aircraft, values, unknown, air[0], air[1], air[2])
-
     start = np.concatenate([[0.05, 0.0, 0.0], np.zeros(count), np.full(engines, 0.5)])
     low = np.concatenate([[-0.3, -0.3, -0.3], np.full(count, -0.6), np.zeros(engines)])
     high = np.concatenate([[0.4, 0.3, 0.3], np.full(count, 0.6), np.ones(engines)])
     high[3 + count :] = _most(aircraft)
     start[3 + count :] *= high[3 + count :]
-    residual, slope = jax.jit(left), jax.jit(jax.jacfwd(left))
     air = np.array([airspeed, height, density])
     found = optimize.least_squares(
-        lambda unknown: np.asarray(residual(unknown, values, air)),
+        lambda unknown: np.asarray(_residual(unknown, model, values, air)),
         start,
-        jac=lambda unknown: np.asarray(slope(unknown, values, air)),
+        jac=lambda unknown: np.asarray(_slope(unknown, model, values, air)),
         bounds=(low, high),
         x_scale=np.where(high > 10.0, high, 0.1),
     )
-    if np.abs(np.asarray(residual(found.x, values, air))[:6]).max() > LEVEL:
+    if np.abs(np.asarray(_residual(found.x, model, values, air))[:6]).max() > LEVEL:
         raise UsageError(
             f"{aircraft.name}: the model cannot fly level at {airspeed:.0f} m/s; check its thrust, "
             "or the airspeeds of `[envelope]`"
@@ -99,6 +94,19 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
         settings=found.x[3 + count :],
         density=density,
     )
+
+
+@jax.jit
+def _residual(
+    unknown: Float[Array, " unknown"],
+    model: FlightModel,
+    values: Parameters,
+    air: Float[Array, " three"],
+) -> Float[Array, " equation"]:
+    return imbalance(model.aircraft, values, unknown, air[0], air[1], air[2])
+
+
+_slope = jax.jit(jax.jacfwd(_residual))
 
 
 def imbalance(
@@ -127,15 +135,17 @@ def imbalance(
     state = level(unknown[0], unknown[1], unknown[2], airspeed, height)
     given = inputs(aircraft, unknown[3 : 3 + count], unknown[3 + count :], density)
     change = rigid_body.derivative(aircraft, values, state, given)
-    scale = np.concatenate([np.ones(3 + count), _most(aircraft)])
+    scale = jnp.concatenate([jnp.ones(3 + count), _most(aircraft)])
     return jnp.concatenate([change.velocity, change.rate, LEAST * unknown / scale])
 
 
-def _most(aircraft: Aircraft) -> Float[np.ndarray, " engine"]:
+def _most(aircraft: Aircraft) -> Float[Array, " engine"]:
     """Largest setting of each engine."""
-    return np.array(
-        [1.0 if engine.rpm is None else max(engine.rpm) for engine in aircraft.propulsion]
-    )
+    most = [
+        jnp.ones(()) if one.rpm is None else jnp.max(jnp.asarray(one.rpm))
+        for one in aircraft.propulsion
+    ]
+    return jnp.stack(most) if most else jnp.zeros(0)
 
 
 def level(

@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
@@ -27,6 +29,7 @@ from gcs_sysid.offline import (
     documents,
     flight,
     learned,
+    linear_models,
     maneuver_choice,
     model_store,
     samples_table,
@@ -35,6 +38,7 @@ from gcs_sysid.offline import (
 )
 from gcs_sysid.offline.aided_fit import UnsettledError
 from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.reconstruct.segments import split
 
 Method = Literal["auto", "filter-error", "equation-error"]
@@ -106,12 +110,14 @@ def run(
     table = samples_table.table(found.flights, found.scored, held_out)
     delay = sum(one.delay.value for one in found.flights) / len(flights)
     provenance = summary.flights_document(found.flights)
-    stored = model_store.StoredModel(
+    stored = StoredModel(
         found.final, found.aircraft, delay, provenance, inside_filter=bool(found.fits)
     )
     model_store.save(out / "model", stored)
     documents.write_table(out / "samples.parquet", table)
     document = _document(found, described, table, held_out, prior)
+    progress("finding the modes", 1.0)
+    document["modes"] = _modes(stored, document["trim"]["V"], found.flights)
     done = clock.perf_counter()
     document["timing"] = {
         "read_s": sum(one.read_seconds for one in flights),
@@ -121,6 +127,13 @@ def run(
     }
     documents.write_json(out / "summary.json", document)
     return documents.plain(document)
+
+
+def _modes(stored: StoredModel, airspeed: float, flights: Sequence[Flight]) -> dict[str, Any]:
+    """Where the flights were: at their trim's airspeed, in their air."""
+    height = float(np.mean([np.mean(one.reconstruction.height) for one in flights]))
+    density = float(np.mean([np.mean(one.reconstruction.density) for one in flights]))
+    return linear_models.modes(stored, airspeed, height, density)
 
 
 def _read(

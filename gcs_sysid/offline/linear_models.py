@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid import atmosphere
-from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.errors import RefusedError
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.maneuvers.information import lasting
 from gcs_sysid.model import eigenmodes, linear, trim
 from gcs_sysid.model.eigenmodes import Mode, Uncertain
 from gcs_sysid.model.linear import LATERAL, LONGITUDINAL, OUTPUTS, STATES, Linear, Linearisation
 from gcs_sysid.offline import model_store, tested
+from gcs_sysid.offline.model_store import StoredModel
 
 HEIGHT = 100.0
 """Height [m] where none is asked for."""
@@ -45,27 +46,58 @@ def models(
         UsageError: both or neither is given, or level flight there is impossible.
         InputError: what is given cannot be used.
     """
-    described, found = _described(aircraft, model)
+    described, found = tested.load(aircraft, model).aircraft, None
+    if model is not None:
+        described, found = _identified(model_store.load(model))
     wanted = tuple(airspeeds) or (_usual(described),)
     density = float(atmosphere.density(np.array(height)))
-    covariance = linear.stated_covariance(described, found)
-    solver = Linearisation(described)
-    return described, [
-        solver.at(trim.find(described, speed, height, density), covariance) for speed in wanted
+    return described, _about(described, found, wanted, height, density)
+
+
+def modes(stored: StoredModel, airspeed: float, height: float, density: float) -> dict[str, Any]:
+    """Modes of an identified model about level flight, or the reason why there are none.
+
+    Args:
+        stored: the model.
+        airspeed: true [m/s].
+        height: above the ground [m].
+        density: of the air [kg/m³].
+    """
+    described, found = _identified(stored)
+    at = {"airspeed": airspeed, "density": density}
+    missing = [name for name in COEFFICIENTS if name not in described.aerodynamics]
+    if missing:
+        return {**at, "modes": [], "reason": f"nothing is known of {', '.join(missing)}"}
+    try:
+        (model,) = _about(described, found, (airspeed,), height, density)
+    except UsageError as error:
+        return {**at, "modes": [], "reason": str(error)}
+    each = [mode_document(mode) for mode in eigenmodes.modes(model)]
+    return {**at, "modes": each, "reason": None}
+
+
+def _about(
+    aircraft: Aircraft,
+    found: Mapping[str, Float[np.ndarray, "term term"]] | None,
+    airspeeds: Sequence[float],
+    height: float,
+    density: float,
+) -> list[Linear]:
+    covariance = linear.stated_covariance(aircraft, found)
+    solver = Linearisation(aircraft)
+    return [
+        solver.at(trim.find(aircraft, speed, height, density), covariance) for speed in airspeeds
     ]
 
 
-def _described(
-    aircraft: Path | None, model: Path | None
-) -> tuple[Aircraft, Mapping[str, Float[np.ndarray, "term term"]] | None]:
-    """The aircraft, and the covariance of what was identified, without errors of mass."""
-    source = tested.load(aircraft, model)
-    if model is None:
-        return source.aircraft, None
-    stored = model_store.load(model)
-    every = {**stored.aircraft.aerodynamics, **source.aircraft.aerodynamics}
+def _identified(
+    stored: StoredModel,
+) -> tuple[Aircraft, Mapping[str, Float[np.ndarray, "term term"]]]:
+    """The aircraft with what was identified, and its covariance without errors of mass."""
+    flown = tested.with_model(stored.aircraft, stored.model)
+    every = {**stored.aircraft.aerodynamics, **flown.aerodynamics}
     found = {name: fit.covariance - lasting(fit) for name, fit in stored.model.fits.items()}
-    return replace(source.aircraft, aerodynamics=every), found
+    return replace(flown, aerodynamics=every), found
 
 
 def _usual(aircraft: Aircraft) -> float:

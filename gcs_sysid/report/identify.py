@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gcs_sysid.figures.derivatives import derivatives
-from gcs_sysid.report import page
+from gcs_sysid.report import page, tables
 from gcs_sysid.report.content import content
 
 
@@ -26,5 +26,6 @@ def render(summary: Mapping, samples: Mapping[str, np.ndarray]) -> str:
             "page": shown,
             "summary": summary,
             "derivatives": derivatives(summary.get("derivatives") or {}),
+            "modes": tables.modes(summary),
         },
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +13,7 @@ from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.figures.data import SIGMAS_95
 from gcs_sysid.figures.samples import Maneuver, Samples, column, residual
 from gcs_sysid.report import labels
-from gcs_sysid.report.numbers import NOTHING, duration, for_people, number, quantity
+from gcs_sysid.report.numbers import NOTHING, duration, for_people, number, plus_minus, quantity
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,55 @@ def _value(entry: Mapping) -> str:
     sd = entry.get("sd")
     half = None if sd is None else SIGMAS_95 * sd
     return quantity(entry.get("value"), half, str(entry.get("unit") or ""))
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode of small motions about level flight; dashes for numbers it does not have."""
+
+    name: str
+    frequency: str
+    period: str
+    damping: str
+    time: str
+    stability: str
+
+
+def modes(summary: Mapping) -> tuple[Mode, ...]:
+    """Modes of the identified model."""
+    return tuple(_mode(each) for each in (summary.get("modes") or {}).get("modes") or ())
+
+
+def _mode(entry: Mapping) -> Mode:
+    frequency, damping, roots = entry.get("frequency"), entry.get("damping"), entry["roots"]
+    swings = max(abs(root["imag"]) for root in roots)
+    decays = [_decays(root) for root in roots]
+    return Mode(
+        name=str(entry["name"]),
+        frequency=NOTHING if frequency is None else _with_half(frequency, "rad/s"),
+        period=f"{number(2.0 * math.pi / swings)} s" if swings > 0.0 else NOTHING,
+        damping=NOTHING if damping is None else _with_half(damping, ""),
+        # An oscillation has one time constant for its two roots.
+        time=", ".join(map(_time, entry["time_constants"], roots, decays)),
+        stability="diverges" if False in decays else "either" if None in decays else "stable",
+    )
+
+
+def _decays(root: Mapping) -> bool | None:
+    """Whether a root decays, where its 95 % interval can tell."""
+    return root["real"] < 0.0 if abs(root["real"]) > SIGMAS_95 * root["real_sd"] else None
+
+
+def _time(entry: Mapping, root: Mapping, decays: bool | None) -> str:
+    """A time constant; where it may be infinite, what it is longer than."""
+    if decays is not None:
+        return _with_half(entry, "s")
+    return f"over {number(1.0 / (abs(root['real']) + SIGMAS_95 * root['real_sd']), 2)} s"
+
+
+def _with_half(entry: Mapping, unit: str) -> str:
+    """Value ± one 95 % half width, in the unit that it has."""
+    return f"{plus_minus(entry['value'], SIGMAS_95 * entry['sd'])} {unit}".strip()
 
 
 def trim(summary: Mapping) -> tuple[Item, ...]:

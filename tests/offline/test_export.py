@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy import io
 from gcs_sysid import aircraft_file
 from gcs_sysid.cli import entry
 from gcs_sysid.maneuvers.information import lasting
-from gcs_sysid.offline import export, model_store, tested
+from gcs_sysid.offline import export, linear_models, model_store, tested
 from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.sitl import jsbsim_xml
 from gcs_sysid.sitl.jsbsim_aircraft import JsbsimAircraft, Start
@@ -133,3 +134,22 @@ def test_what_cannot_be_is_one_line(folder, monkeypatch, capsys, options, word) 
     told = capsys.readouterr().err
     assert word in told
     assert told.count("\n") == 1
+
+
+def test_modes_in_the_summary_are_those_of_the_exported_model(folder) -> None:
+    _, (linear,) = linear_models.models(None, folder / "found", airspeeds=[AIRSPEED], height=100.0)
+    exported = linear_models.document(linear)
+    stored = model_store.load(folder / "found")
+    told = linear_models.modes(stored, AIRSPEED, 100.0, exported["density"])
+    assert told["reason"] is None
+    assert told["modes"] == exported["modes"]
+
+
+def test_what_cannot_fly_level_has_no_modes_and_says_why(folder) -> None:
+    stored = model_store.load(folder / "found")
+    glider = replace(stored, aircraft=replace(stored.aircraft, propulsion=()))
+    assert "cannot fly level" in linear_models.modes(glider, AIRSPEED, 100.0, 1.2)["reason"]
+    bare = replace(stored, aircraft=replace(stored.aircraft, aerodynamics={}))
+    told = linear_models.modes(bare, AIRSPEED, 100.0, 1.2)
+    assert told["modes"] == []
+    assert told["reason"].startswith("nothing is known of")

@@ -181,6 +181,17 @@ def summary(samples: dict[str, np.ndarray], *, command: str = "identify") -> dic
             "throttle": 0.48,
             "controls": {"elevator": -0.021, "aileron": 0.004, "rudder": 0.0},
         },
+        "modes": {
+            "airspeed": 17.4,
+            "density": 1.21,
+            "reason": None,
+            "modes": [
+                _mode("short period", [(-12.1, 8.0, 0.5), (-12.1, -8.0, 0.5)], 14.5, 0.836),
+                _mode("roll", [(-18.1, 0.0, 2.2)]),
+                _mode("spiral", [(0.0174, 0.0, 0.0109)]),
+                _mode("phugoid", [(0.03, 0.5, 0.004), (0.03, -0.5, 0.004)], 0.501, -0.06),
+            ],
+        },
         "warnings": [
             "alpha and elevator are correlated (-0.93) in Cm: their effects are told apart poorly.",
             "SERVO_OUTPUT_RAW arrives at 10 Hz; commands between messages are not seen.",
@@ -259,6 +270,26 @@ def _table(name: str) -> dict:
             "reason": "correlated -0.96 with aileron" if weak else "",
         }
     return rows
+
+
+def _mode(
+    name: str,
+    roots: list[tuple[float, float, float]],
+    frequency: float | None = None,
+    damping: float | None = None,
+) -> dict:
+    """Roots: real and imaginary part, sd of the real one."""
+    real = roots[0][0]
+    return {
+        "name": name,
+        "frequency": None if frequency is None else {"value": frequency, "sd": 0.04 * frequency},
+        "damping": None if damping is None else {"value": damping, "sd": 0.03},
+        "time_constants": [{"value": -1.0 / real, "sd": roots[0][2] / real**2}],
+        "roots": [
+            {"real": one, "imag": other, "real_sd": sd, "imag_sd": sd} for one, other, sd in roots
+        ],
+        "stable": real < 0.0,
+    }
 
 
 def _channels() -> dict:

@@ -118,6 +118,15 @@ def test_derivatives_stand_beside_the_files(page: Page, summary: dict) -> None:
     assert "\u22120.158 ± 0.0" in page.words or "\u22120.1580 ± 0.0" in page.words
 
 
+def test_modes_stand_with_their_intervals(page: Page) -> None:
+    """The spiral's root is 0.0174 ± 0.0214 1/s: slower than 1/0.0388 s, whichever way."""
+    told = page.words.partition("falls to 37 %")[0]
+    assert "short period14.5 ± 1.1 rad/s0.836 ± 0.0590.785 s0.0826 ± 0.0067 sstable" in told
+    assert "spiral–––over 26 seither" in told
+    assert "phugoid" in told.partition("12.6 s")[0]
+    assert page.words.count("diverges") == 1
+
+
 def test_compatibility_speaks(page: Page, summary: dict) -> None:
     for channel in summary["compatibility"]["channels"].values():
         assert channel["verdict"] in page.words
