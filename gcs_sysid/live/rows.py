@@ -106,6 +106,7 @@ class RowMaker:
         self._open: dict[str, deque[tuple[float, Float[np.ndarray, " value"]]]] = {
             group: deque(maxlen=_OPEN) for group in self._streams
         }
+        self._airspeed = np.array([np.nan])
         self._current: _Inertial | None = None
         self._row: Row | None = None
         self._told_us: int | None = None
@@ -191,7 +192,9 @@ class RowMaker:
             values = frames.quaternion_from_euler(values)
             self._still = frames.unrotate(values, np.array([0.0, 0.0, -GRAVITY]))
         elif group == "airspeed":
-            if values[0] <= SLOWEST_AIRSPEED or self._static is None:
+            before, self._airspeed = self._airspeed, values
+            again = measurements.held(before, values).item()
+            if again or values[0] <= SLOWEST_AIRSPEED or self._static is None:
                 return
             values = measurements.true_airspeed(
                 self._aircraft, values[None], np.array([self._static])

@@ -153,6 +153,7 @@ class Noise(NamedTuple):
         push: error of the thrust maps [m/s²].
         velocity_error: slow error of the velocity source [m/s].
         velocity_error_time: its correlation time [s].
+        tube: error of what a tube with a lag shows, of noise that passes the lag as well [m/s].
         gyro: white noise of a sample [rad/s].
         accelerometer: likewise [m/s²].
         airspeed: likewise [m/s].
@@ -169,6 +170,7 @@ class Noise(NamedTuple):
     push: Float[Array, ""]
     velocity_error: Float[Array, ""]
     velocity_error_time: Float[Array, ""]
+    tube: Float[Array, ""]
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
     airspeed: Float[Array, ""]

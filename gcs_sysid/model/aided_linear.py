@@ -140,7 +140,7 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
             jnp.zeros(3),
             jnp.full(3, 1.0) * noise.force**2,
             noise.moment**2,
-            jnp.zeros(1),
+            noise.tube[None] ** 2 * (2.0 / TUBE),
             air.density(noise.turbulence, 1.0),
             of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),

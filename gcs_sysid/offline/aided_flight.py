@@ -55,6 +55,8 @@ MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 AIRSPEED_LAG = 0.1
 """One standard deviation [s]: of tubing a metre long, and of the filters of autopilots."""
+TUBE_NOISE = 0.03
+"""First guess of the noise that passes an airspeed's lag [m/s]: a pascal or two at 20 m/s."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
 VELOCITY_ERROR, VELOCITY_ERROR_TIME = 0.05, 4.0
@@ -224,6 +226,7 @@ def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise
         push=log(THRUST_ERROR, 0.0),
         velocity_error=log(VELOCITY_ERROR, 0.0),
         velocity_error_time=log(VELOCITY_ERROR_TIME, 0.0),
+        tube=log(TUBE_NOISE, 0.0),
         gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
         accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
         airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
@@ -283,6 +286,7 @@ def beliefs(
         attitude_error=jnp.full(2, 1.0),
         attitude_error_time=jnp.full(2, 0.7),
         velocity_error_time=jnp.asarray(0.7),
+        tube=jnp.asarray(1.0),
         vanes=jnp.asarray(2.0 * flow),
     )
     spread = {

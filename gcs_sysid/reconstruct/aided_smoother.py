@@ -29,6 +29,9 @@ from gcs_sysid.reconstruct.linear_filter import Belief
 CHUNK = 200
 """Rows worked on at once: their matrices stay in a core's cache, and their memory with the program.
 That of 2000 rows the system gave and took back page by page."""
+SHORTEST = 0.5
+"""Of the lengths of gusts [m]. A wing cannot be turned by air that turns within a part of its span,
+and of what is passed in less than a third of a step the Runge–Kutta scheme makes more at each."""
 
 
 class Chunk(NamedTuple):
@@ -52,10 +55,17 @@ class Beginning(NamedTuple):
 
 
 def positive(log_noise: Noise) -> Noise:
-    """Intensities from their logarithms; how gusts turn the air, which has a sign, as it is."""
+    """Intensities from their logarithms; how gusts turn the air, which has a sign, as it is.
+
+    Lengths are at least `SHORTEST`.
+    """
     noise = jax.tree.map(jnp.exp, log_noise)
     signed = {name: getattr(log_noise.turbulence, name) for name in ("coupling", "azimuth")}
-    return noise._replace(turbulence=noise.turbulence._replace(**signed))
+    lengths = {
+        name: jnp.hypot(getattr(noise.turbulence, name), SHORTEST)
+        for name in ("gust_length", "spin_length")
+    }
+    return noise._replace(turbulence=noise.turbulence._replace(**signed, **lengths))
 
 
 @jax.jit

@@ -28,6 +28,8 @@ UNLIKE = 0.5
 own spread is none: some logs have zeros there."""
 SLOWEST_AIRSPEED = 3.0
 """Below this [m/s] a pitot tube's reading says nothing about the flow."""
+ROUNDED = 0.01
+"""Readings that are multiples of this may well be the same twice."""
 GAP = 0.5
 """A hole in the inertial data longer than this [s] breaks the integration."""
 
@@ -244,6 +246,7 @@ def _measurements(
         known = known - delay
         if group == "airspeed":
             moving = data[:, 0] > SLOWEST_AIRSPEED
+            moving[1:] &= ~held(data[:-1, 0], data[1:, 0])
             known, data = known[moving], data[moving]
             data = true_airspeed(aircraft, data, np.interp(known, time, static))
         elif group == "attitude":
@@ -263,6 +266,20 @@ def _measurements(
         valid=valid,
         age=age,
     )
+
+
+def held(
+    before: Float[np.ndarray, "*sample"], now: Float[np.ndarray, "*sample"]
+) -> Bool[np.ndarray, "*sample"]:
+    """Whether an airspeed [m/s] is the one before, shown again.
+
+    Autopilots measure it ten times a second and tell it in streams of fifty. Taken for measurements
+    the repeats feign a staircase that no delay and no lag describes. Two of them are not the same
+    to the last digit, unless they were rounded.
+    """
+    rest = np.abs(now / ROUNDED - np.round(now / ROUNDED))
+    fine = rest > np.abs(now) * np.finfo(np.float32).eps / ROUNDED
+    return (before == now) & fine
 
 
 def lateness(aircraft: Aircraft, stream: str, group: str) -> float:

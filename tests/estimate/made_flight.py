@@ -68,6 +68,7 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
         push=jnp.log(jnp.asarray(0.05)),
         velocity_error=jnp.log(jnp.asarray(0.03)),
         velocity_error_time=jnp.log(jnp.asarray(4.0)),
+        tube=jnp.log(jnp.asarray(0.03)),
         gyro=jnp.log(jnp.asarray(0.004)),
         accelerometer=jnp.log(jnp.asarray(0.1)),
         airspeed=jnp.log(jnp.asarray(0.2)),
@@ -80,7 +81,7 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
 
 def made_flight(airspeed_lag: float = 0.0) -> Flight:
     """Eight seconds with elevator inputs, every noise drawn at its stated size."""
-    rng = np.random.default_rng(21)
+    rng, rng_of_tube = np.random.default_rng(21), np.random.default_rng(22)
     means, logs = unknowns(1.0, airspeed_lag)
     noise = aided_smoother.positive(logs)
     time = STEP * np.arange(COUNT)
@@ -111,8 +112,8 @@ def made_flight(airspeed_lag: float = 0.0) -> Flight:
     states, seen = [], []
     for index in range(COUNT):
         row = jax.tree.map(lambda part, index=index: part[index], rows)
-        # Nothing pushes what a tube shows.
-        pushed = np.insert(rng.standard_normal(aided.SIZE - 1), aided.BLOCKS["tube"].start, 0.0)
+        others, tube = rng.standard_normal(aided.SIZE - 1), rng_of_tube.standard_normal()
+        pushed = np.insert(others, aided.BLOCKS["tube"].start, tube)
         state, left = ahead(state, row, jnp.asarray(pushed))
         states.append(state)
         # What a perfect sensor would read is what leaves no innovation.

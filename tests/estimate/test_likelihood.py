@@ -17,7 +17,9 @@ from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
 
-KNOWN = made.unknowns(1.0)
+LAG = 0.2
+"""Of the airspeed [s]: without one nothing is told of the noise that passes it."""
+KNOWN = made.unknowns(1.0, LAG)
 FLAT, UNRAVEL = ravel_pytree(KNOWN.means)
 LOGS, UNRAVEL_LOGS = ravel_pytree(KNOWN.log_noise)
 DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
@@ -33,7 +35,7 @@ def _short_chunks() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def path() -> Path:
-    flight = made.made_flight()
+    flight = made.made_flight(LAG)
     return run(FLAT, LOGS, causal.along(flight.rows, flight.nominal, flight.beginning))[0]
 
 

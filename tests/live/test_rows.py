@@ -103,6 +103,23 @@ def test_what_a_radio_repeats_counts_once() -> None:
     assert [bool(row.new.any()) for row in rows] == [False, True, False]
 
 
+def test_an_airspeed_shown_again_is_no_measurement() -> None:
+    """As in a log; see `measurements.held`."""
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    shown = [17.123456, 17.123456, 17.234567, 17.25, 17.25]
+    given = [
+        item
+        for i, value in enumerate(shown)
+        for item in (
+            sample("VFR_HUD", (n + i) * STEP_S - 0.004, airspeed=value, altitude=100.0),
+            inertial((n + i) * STEP_S),
+        )
+    ]
+    rows = rows_of(maker, given)
+    assert [group(row, "airspeed")[0] for row in rows] == [True, False, True, True, True]
+
+
 def test_a_late_measurement_goes_to_the_newest_row_with_its_age() -> None:
     maker = RowMaker(aircraft())
     n = started(maker)

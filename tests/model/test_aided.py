@@ -59,7 +59,7 @@ NOISE = Noise(
         azimuth=jnp.asarray(0.4),
     ),
     *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.array([20.0, 40.0])),
-    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0)),
+    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0), jnp.asarray(0.03)),
     *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
     *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
 )
@@ -322,6 +322,23 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     # be integrated first.
     off = (np.asarray(found) - exact)[np.ix_(noisy, noisy)]
     assert np.max(np.abs(off) / scale) < 5e-3
+
+
+def test_noise_that_passes_the_lag_is_as_large_as_stated_and_lasts_as_long() -> None:
+    """Of ẏ = (V − y)/T + w what stays is 0.03 m/s, and falls to 1/e in T."""
+    quiet = jax.tree.map(jnp.zeros_like, NOISE)._replace(
+        turbulence=NOISE.turbulence,
+        tube=NOISE.tube,
+        attitude_error_time=NOISE.attitude_error_time,
+        velocity_error_time=NOISE.velocity_error_time,
+    )
+    tube, step = BLOCKS["tube"].start, 0.02
+    mechanics = jnp.zeros((aided.SIZE, aided.SIZE)).at[tube, tube].set(-1.0 / aided.TUBE)
+    half = aided_linear.half_transition(mechanics, aided_linear.decay(quiet), row(step))
+    added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[tube, tube]
+    kept = float((half @ half)[tube, tube])
+    assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(0.03, rel=1e-6)
+    assert kept == pytest.approx(np.exp(-step / aided.TUBE), rel=1e-4)
 
 
 def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:

@@ -11,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid.estimate import intensities
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model import aided, air
-from gcs_sysid.model.aided import Means
+from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_ekf import AidedFilter
 from gcs_sysid.reconstruct.causal import More, Pass, Path
@@ -19,6 +19,7 @@ from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
 EVERY = np.ones(made.COUNT, dtype=bool)
+LOG_NOISE = made.unknowns(1.0).log_noise
 
 
 @pytest.fixture(autouse=True)
@@ -32,11 +33,16 @@ def flight() -> made.Flight:
     return made.made_flight()
 
 
-def settled(flight: made.Flight, means: Means, rounds: int = 4) -> Path:
+def settled(
+    flight: made.Flight,
+    means: Means,
+    rounds: int = 4,
+    log_noise: Noise = LOG_NOISE,
+) -> Path:
     """The path that the filter predicts."""
     path = causal.along(flight.rows, flight.nominal, flight.beginning)
     for _ in range(rounds):
-        rows = causal.joined(made.MODEL, means, made.unknowns(1.0).log_noise, path)
+        rows = causal.joined(made.MODEL, means, log_noise, path)
         path, _, _ = causal.filtered(path, rows)
     return path
 
@@ -52,6 +58,16 @@ def test_a_settled_path_is_what_the_filter_predicts(flight) -> None:
     rows = causal.joined(made.MODEL, means, made.unknowns(1.0).log_noise, path)
     _, _, steps = causal.filtered(path, rows)
     assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-6
+
+
+def test_a_path_settles_also_in_air_that_turns_within_a_step(flight) -> None:
+    """3 cm, of which 34 are passed in a step: Runge–Kutta's own answer to that grows."""
+    means, log_noise = made.unknowns(1.0)
+    fine = log_noise.turbulence._replace(spin_length=jnp.log(jnp.full(3, 0.03)))
+    log_noise = log_noise._replace(turbulence=fine)
+    path = settled(flight, means, 6, log_noise)
+    _, _, steps = causal.filtered(path, causal.joined(made.MODEL, means, log_noise, path))
+    assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-5
 
 
 def test_row_by_row_on_filterpy_it_is_the_same_filter(flight) -> None:

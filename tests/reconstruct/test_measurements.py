@@ -80,6 +80,25 @@ def test_each_sample_lies_on_the_nearest_inertial_one_with_its_age(
     assert data.used["velocity"] == "GLOBAL_POSITION_INT"
 
 
+def test_an_airspeed_shown_again_is_no_measurement(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    """Measured every fifth time that it is told, as ArduPlane does; rounded ones may repeat."""
+    stream = recording.streams["VFR_HUD"]
+    measured = 5 * (np.arange(stream.time.size) // 5)
+    airspeed = stream.channels["airspeed"].astype(np.float32).astype(float)
+    shown = measurements.select(
+        altered(recording, "VFR_HUD", airspeed=airspeed[measured]), aircraft, EVERYTHING
+    )
+    times, _ = seen(shown, "airspeed")
+    np.testing.assert_allclose(times, stream.time[::5], atol=1e-12)
+    rounded = np.round(airspeed[measured], 2).astype(np.float32).astype(float)
+    coarse = measurements.select(
+        altered(recording, "VFR_HUD", airspeed=rounded), aircraft, EVERYTHING
+    )
+    np.testing.assert_allclose(seen(coarse, "airspeed")[0], stream.time, atol=1e-12)
+
+
 def test_of_two_samples_on_one_row_the_nearer_stays() -> None:
     time = np.array([0.0, 0.1, 0.2])
     rows, chosen, offset = measurements._slots(time, np.array([0.07, 0.11, 0.16, 0.201, 0.6]))

@@ -127,6 +127,25 @@ def rank(
     return tuple(replace(ranked[i], probability=float(probability[i])) for i in order)
 
 
+def withstood(
+    ranked: Sequence[Ranked], refuted: Sequence[Sequence[Candidate]], standing: Sequence[Candidate]
+) -> tuple[Ranked, ...]:
+    """Sets of causes without those that a test has refuted.
+
+    Linear evidence may take one cause for another whose trace is nearly the same. Where flights
+    settled with the one were far less likely than with those that stand, what holds it and not
+    these is out.
+    """
+    kept = [
+        one
+        for one in ranked
+        if all(cause in one.causes for cause in standing)
+        or not any(all(cause in one.causes for cause in causes) for causes in refuted)
+    ]
+    total = sum(one.probability for one in kept)
+    return tuple(replace(one, probability=one.probability / total) for one in kept)
+
+
 @dataclass(frozen=True)
 class _Set:
     """Causes that act together.

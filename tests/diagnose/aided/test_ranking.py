@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import rank
+from gcs_sysid.diagnose.aided.ranking import rank, withstood
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
@@ -140,3 +140,17 @@ def test_what_cannot_be_is_not_named() -> None:
     other = several({"thrust": 0.4}, {"thrust": 0.0}, 1)[0]
     bare = several({"thrust": 0.4}, {}, 1)[0]
     assert other.log_bayes_factor - bare.log_bayes_factor == pytest.approx(np.log(2.0), abs=1e-6)
+
+
+def test_what_a_test_has_refuted_is_out_unless_what_stood_the_test_is_beside_it() -> None:
+    found = several({"mass": 0.25}, {}, 1)
+    mass, drag = (Candidate(CAUSES[name]) for name in ("mass", "drag_increase"))
+    kept = withstood(found, [(drag,)], (mass,))
+    names = [set(one.names) for one in kept]
+    assert {"drag_increase"} not in names
+    assert not any("drag_increase" in each and "mass" not in each for each in names)
+    assert {"drag_increase", "mass"} in names
+    assert {"mass"} in names
+    assert set() in names
+    assert sum(one.probability for one in kept) == pytest.approx(1.0)
+    assert withstood(found, [], (mass,)) == found
