@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
-from gcs_sysid.diagnose.aided.ranking import rank, withstood
+from gcs_sysid.diagnose.aided.ranking import rank, without
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
@@ -35,8 +35,9 @@ from gcs_sysid.offline.settled import Subject
 ROUNDS = 3
 """Favourites that are put to the test."""
 REFUTED = 100.0
-"""A favourite whose flights settle at so much less than with the one before it is out [nat]: more
-than what searches leave undone."""
+"""Where flights settle with a favourite at so much less than with the one before it [nat], more
+than what searches leave undone, all that does without the one before has so much less evidence:
+linear evidence takes one cause for another whose trace at held gains is nearly the same."""
 Telling = Callable[[str, int], None]
 """Is told what is being done, and with which flight."""
 _MISSING = Candidate(
@@ -136,7 +137,8 @@ def investigate(
     standing = question.tested((), question.settled(telling("flying the simulation along", 0)))
     ranked = rank(standing.information, listed, every)
     tested: list[tuple[Candidate, ...]] = [()]
-    refuted: list[tuple[Candidate, ...]] = []
+    needed: tuple[Candidate, ...] = ()
+    missed = 0.0
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
         sizes = quantities.servo_sizes(_freed(listed, best), reached)
@@ -156,11 +158,12 @@ def investigate(
                 moved=listed.alone(best.causes, best.posterior.mean),
             ),
         )
-        if standing.causes and trial.log_likelihood < standing.log_likelihood - REFUTED:
-            refuted.append(best.causes)
+        lost = standing.log_likelihood - trial.log_likelihood
+        if standing.causes and lost > REFUTED:
+            needed, missed = standing.causes, lost
         else:
             standing = trial
-        ranked = withstood(rank(standing.information, listed, every), refuted, standing.causes)
+        ranked = without(rank(standing.information, listed, every), needed, missed)
     information, apart, done = standing.information, standing.apart, standing.done
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)

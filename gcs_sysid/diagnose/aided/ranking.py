@@ -119,31 +119,28 @@ def rank(
         if place < LISTED or len(chosen.causes) < 2
     ]
     averaged = float(files.averaged(nothing[None])[0])
-    ranked = [_ranked(data, files, chosen, averaged) for _, chosen in listed]
+    return _weighed([_ranked(data, files, chosen, averaged) for _, chosen in listed])
+
+
+def without(
+    ranked: Sequence[Ranked], needed: Sequence[Candidate], missed: float
+) -> tuple[Ranked, ...]:
+    """Sets of causes, where those without all that are needed have so much less evidence [nat]."""
+    held = [all(cause in one.causes for cause in needed) for one in ranked]
+    lower = [
+        one if fine else replace(one, log_bayes_factor=one.log_bayes_factor - missed)
+        for one, fine in zip(ranked, held, strict=True)
+    ]
+    return _weighed(lower)
+
+
+def _weighed(ranked: Sequence[Ranked]) -> tuple[Ranked, ...]:
+    """With the probabilities that evidence and prior give, the most probable first."""
     score = np.array([one.log_bayes_factor + np.log(one.prior) for one in ranked])
     weight = np.exp(score - score.max())
     probability = weight / weight.sum()
     order = np.argsort(-probability, kind="stable")
     return tuple(replace(ranked[i], probability=float(probability[i])) for i in order)
-
-
-def withstood(
-    ranked: Sequence[Ranked], refuted: Sequence[Sequence[Candidate]], standing: Sequence[Candidate]
-) -> tuple[Ranked, ...]:
-    """Sets of causes without those that a test has refuted.
-
-    Linear evidence may take one cause for another whose trace is nearly the same. Where flights
-    settled with the one were far less likely than with those that stand, what holds it and not
-    these is out.
-    """
-    kept = [
-        one
-        for one in ranked
-        if all(cause in one.causes for cause in standing)
-        or not any(all(cause in one.causes for cause in causes) for causes in refuted)
-    ]
-    total = sum(one.probability for one in kept)
-    return tuple(replace(one, probability=one.probability / total) for one in kept)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import rank, withstood
+from gcs_sysid.diagnose.aided.ranking import rank, without
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
@@ -142,15 +142,17 @@ def test_what_cannot_be_is_not_named() -> None:
     assert other.log_bayes_factor - bare.log_bayes_factor == pytest.approx(np.log(2.0), abs=1e-6)
 
 
-def test_what_a_test_has_refuted_is_out_unless_what_stood_the_test_is_beside_it() -> None:
+def test_without_what_is_needed_sets_have_less_evidence_and_the_rest_keep_their_odds() -> None:
     found = several({"mass": 0.25}, {}, 1)
-    mass, drag = (Candidate(CAUSES[name]) for name in ("mass", "drag_increase"))
-    kept = withstood(found, [(drag,)], (mass,))
-    names = [set(one.names) for one in kept]
-    assert {"drag_increase"} not in names
-    assert not any("drag_increase" in each and "mass" not in each for each in names)
-    assert {"drag_increase", "mass"} in names
-    assert {"mass"} in names
-    assert set() in names
+    before = {one.names: one for one in found}
+    ranked = without(found, (Candidate(CAUSES["mass"]),), 200.0)
+    kept = [one for one in ranked if "mass" in one.names]
+    assert ("mass",) in [one.names for one in kept]
+    assert any(len(one.names) > 1 for one in kept)
+    assert ranked[: len(kept)] == tuple(kept)
     assert sum(one.probability for one in kept) == pytest.approx(1.0)
-    assert withstood(found, [], (mass,)) == found
+    for one in ranked:
+        lower = 0.0 if "mass" in one.names else 200.0
+        assert one.log_bayes_factor == before[one.names].log_bayes_factor - lower
+    odds = [one.probability / before[one.names].probability for one in kept]
+    assert odds == pytest.approx([odds[0]] * len(odds))

@@ -1,0 +1,53 @@
+"""Flights of a minute and a half in gusts without vanes, diagnosed as a user would.
+
+One has nothing hidden, the other what such a flight tells. `make blind` flies a dozen of four
+minutes, `make campaign` hundreds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_sysid import aircraft_file
+from tests.blind import fly
+from tests.blind.draw import Draw, Fixed, draw
+from tests.blind.score import Score, score
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
+def diagnosed(number: int, cause: str, folder: Path) -> tuple[Draw, dict[str, Any], Score]:
+    drawn = draw(number, fixed=Fixed(cause, "aerosonde", "exact", "larger", short=True))
+    flown = fly.fly(drawn, folder)
+    assert not flown.departed
+    found, _ = fly.diagnose(flown, folder / "out")
+    assert sum(one["probability"] for one in found["ranking"]) <= 1.0 + 1e-9
+    assert (folder / "out" / "report.html").stat().st_size > 1e5
+    return drawn, found, score(drawn, found)
+
+
+def test_where_nothing_is_hidden_nobody_is_accused(tmp_path: Path) -> None:
+    _, found, worth = diagnosed(900, "none", tmp_path)
+    assert found["verdict"] == "no_effect"
+    assert not worth.false_alarm
+    assert found["effects"] == []
+
+
+def test_who_did_it_is_named_with_its_size_and_put_right(tmp_path: Path) -> None:
+    drawn, found, worth = diagnosed(901, "airspeed_scale", tmp_path)
+    assert worth.alone, worth.said
+    assert found["effects"] == found["indistinguishable"] == ["airspeed_scale"]
+    estimate = found["ranking"][0]["parameters"]["airspeed_scale"]
+    (effect,) = drawn.effects
+    assert abs(estimate["value"] - effect["airspeed_scale"]) < 3.0 * estimate["sd"]
+    assert estimate["sd"] < 0.01
+    assert found["gain"]["holdout_nlpd_after"] < found["gain"]["holdout_nlpd_before"]
+    free = found["gain"]["free_run"]
+    assert free["windows"] > 5
+    # The aircraft flies as before: only what is shown of it was wrong.
+    assert all(each["gained"] == pytest.approx(0.0) for each in free["channels"].values())
+    extended = aircraft_file.load(tmp_path / "out" / "aircraft-extended.toml")
+    assert extended.pitot.error.scale[0] == pytest.approx(estimate["value"])
