@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
-from gcs_sysid.diagnose.aided.ranking import rank, without
+from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
@@ -137,21 +137,20 @@ def investigate(
     standing = question.tested((), question.settled(telling("flying the simulation along", 0)))
     ranked = rank(standing.information, listed, every)
     tested: list[tuple[Candidate, ...]] = [()]
-    needed: tuple[Candidate, ...] = ()
-    missed = 0.0
+    needed = NONE_NEEDED
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
         sizes = quantities.servo_sizes(_freed(listed, best), reached)
         if best.causes in tested and sizes is None:
             break
+        asking = question
         if sizes is not None:
-            reached = sizes
-            question = question.with_servos(quantities.build(aircraft, asked.flown, reached))
+            asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
         tested.append(best.causes)
         words = " and ".join(candidate.label for candidate in best.causes)
-        trial = question.tested(
+        trial = asking.tested(
             best.causes,
-            question.settled(
+            asking.settled(
                 telling(f"trying {words}", turn),
                 causes=wherever(best.causes, every),
                 start=standing.done,
@@ -159,11 +158,12 @@ def investigate(
             ),
         )
         lost = standing.log_likelihood - trial.log_likelihood
-        if standing.causes and lost > REFUTED:
-            needed, missed = standing.causes, lost
+        more = all(cause in best.causes for cause in standing.causes)
+        if lost > REFUTED and not more:
+            needed = Needed(standing.causes, lost)
         else:
-            standing = trial
-        ranked = without(rank(standing.information, listed, every), needed, missed)
+            standing, question, reached = trial, asking, sizes or reached
+        ranked = rank(standing.information, listed, every, needed)
     information, apart, done = standing.information, standing.apart, standing.done
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -95,8 +96,32 @@ class _Files:
         )
 
 
+class Needed(NamedTuple):
+    """Causes of which flights have shown that without them they are far less likely.
+
+    Attributes:
+        causes: which.
+        missed: by how much sets without all of them have less evidence [nat].
+    """
+
+    causes: tuple[Candidate, ...] = ()
+    missed: float = 0.0
+
+    def lacking(self, chosen: Sequence[Candidate]) -> float:
+        """What a set of causes loses."""
+        there = {(one.cause.name, one.about) for one in chosen}
+        held = {(one.cause.name, one.about) for one in self.causes} <= there
+        return 0.0 if held else self.missed
+
+
+NONE_NEEDED = Needed()
+
+
 def rank(
-    data: Information, unknowns: Unknowns, candidates: Sequence[Candidate]
+    data: Information,
+    unknowns: Unknowns,
+    candidates: Sequence[Candidate],
+    needed: Needed = NONE_NEEDED,
 ) -> tuple[Ranked, ...]:
     """Sets of causes, the most probable first."""
     accurate = tuple(unknowns.as_accurate(share) for share in ACCURACIES)
@@ -112,7 +137,7 @@ def rank(
     likely = (told > told.max() - BESIDES) | (np.arange(told.size) < told.argmax())
     files, nothing = files.kept(likely), nothing[likely]
     tried = [replace(one, evidence=one.evidence[likely]) for one in tried]
-    sets = _sets(files, tried, nothing)
+    sets = _sets(files, tried, nothing, needed)
     listed = [
         (place, chosen)
         for place, chosen in enumerate(sets)
@@ -120,18 +145,6 @@ def rank(
     ]
     averaged = float(files.averaged(nothing[None])[0])
     return _weighed([_ranked(data, files, chosen, averaged) for _, chosen in listed])
-
-
-def without(
-    ranked: Sequence[Ranked], needed: Sequence[Candidate], missed: float
-) -> tuple[Ranked, ...]:
-    """Sets of causes, where those without all that are needed have so much less evidence [nat]."""
-    held = [all(cause in one.causes for cause in needed) for one in ranked]
-    lower = [
-        one if fine else replace(one, log_bayes_factor=one.log_bayes_factor - missed)
-        for one, fine in zip(ranked, held, strict=True)
-    ]
-    return _weighed(lower)
 
 
 def _weighed(ranked: Sequence[Ranked]) -> tuple[Ranked, ...]:
@@ -159,7 +172,10 @@ class _Set:
 
 
 def _sets(
-    files: _Files, tried: Sequence[_Tried], nothing: Float[np.ndarray, " accuracy"]
+    files: _Files,
+    tried: Sequence[_Tried],
+    nothing: Float[np.ndarray, " accuracy"],
+    needed: Needed,
 ) -> list[_Set]:
     """Sets of causes, the most probable first.
 
@@ -182,9 +198,12 @@ def _sets(
             evidence = files.evidence([one.candidate for one in causes])
         together = PRIOR_OF_ONE if len(chosen) == 1 else PRIOR_OF_TWO
         together *= PRIOR_OF_MORE ** max(len(chosen) - 2, 0) * math.factorial(len(chosen))
+        evidence = evidence - needed.lacking([one.candidate for one in causes])
         return _Set(causes, together * math.prod(shares[i] for i in chosen), evidence)
 
-    numbered = {(): _Set((), PRIOR_OF_NONE, nothing)} | {(i,): of((i,)) for i in alone}
+    none = _Set((), PRIOR_OF_NONE, nothing - needed.lacking(()))
+    numbered: dict[tuple[int, ...], _Set] = {(): none}
+    numbered |= {(i,): of((i,)) for i in alone}
     wanted = [(i, j) for turn, i in enumerate(alone[:PAIRED]) for j in alone[turn + 1 :]]
     for size in range(2, MOST + 1):
         numbered |= {chosen: of(chosen) for chosen in wanted if possible(chosen)}

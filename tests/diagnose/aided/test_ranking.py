@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import rank, without
+from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, rank
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
@@ -106,7 +106,9 @@ THIRDS = {
 FOUR = ("mass", "drag_increase", "thrust_scale", "airspeed_scale")
 
 
-def several(sizes: dict[str, float], least: dict[str, float], seed: int) -> tuple[Ranked, ...]:
+def several(
+    sizes: dict[str, float], least: dict[str, float], seed: int, needed: Needed = NONE_NEEDED
+) -> tuple[Ranked, ...]:
     """What a flight says where several quantities are off, and some cannot be less than so much."""
     usual = dict.fromkeys(THIRDS, 1e-3)
     every = unknowns.of_flights(
@@ -118,7 +120,7 @@ def several(sizes: dict[str, float], least: dict[str, float], seed: int) -> tupl
     wrong = np.array([sizes.get(name, 0.0) for name in every.names])
     noise = np.random.default_rng(seed).standard_normal(COUNT)
     data = information(wide, wide @ wrong + noise)
-    return rank(data, every, [Candidate(CAUSES[name]) for name in FOUR])
+    return rank(data, every, [Candidate(CAUSES[name]) for name in FOUR], needed)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -142,17 +144,16 @@ def test_what_cannot_be_is_not_named() -> None:
     assert other.log_bayes_factor - bare.log_bayes_factor == pytest.approx(np.log(2.0), abs=1e-6)
 
 
-def test_without_what_is_needed_sets_have_less_evidence_and_the_rest_keep_their_odds() -> None:
-    found = several({"mass": 0.25}, {}, 1)
-    before = {one.names: one for one in found}
-    ranked = without(found, (Candidate(CAUSES["mass"]),), 200.0)
-    kept = [one for one in ranked if "mass" in one.names]
-    assert ("mass",) in [one.names for one in kept]
-    assert any(len(one.names) > 1 for one in kept)
-    assert ranked[: len(kept)] == tuple(kept)
-    assert sum(one.probability for one in kept) == pytest.approx(1.0)
-    for one in ranked:
-        lower = 0.0 if "mass" in one.names else 200.0
-        assert one.log_bayes_factor == before[one.names].log_bayes_factor - lower
-    odds = [one.probability / before[one.names].probability for one in kept]
-    assert odds == pytest.approx([odds[0]] * len(odds))
+def test_sets_without_what_is_needed_have_less_evidence() -> None:
+    """And those with it are looked for, though without it others explained more."""
+    off = {"mass": 0.25, "thrust": 0.4}
+    needed = Needed((Candidate(CAUSES["airspeed_scale"]),), 200.0)
+    free, held = several(off, {}, 1), several(off, {}, 1, needed)
+    assert set(free[0].names) == {"mass", "thrust_scale"}
+    assert set(held[0].names) == {"mass", "thrust_scale", "airspeed_scale"}
+    before = {one.names: one.log_bayes_factor for one in free}
+    for one in held:
+        if one.names in before:
+            lower = 0.0 if "airspeed_scale" in one.names else 200.0
+            assert one.log_bayes_factor == pytest.approx(before[one.names] - lower)
+    assert sum(one.probability for one in held) == pytest.approx(1.0)
