@@ -68,10 +68,14 @@ def modes(stored: StoredModel, airspeed: float, height: float, density: float) -
     missing = [name for name in COEFFICIENTS if name not in described.aerodynamics]
     if missing:
         return {**at, "modes": [], "reason": f"nothing is known of {', '.join(missing)}"}
+    if not np.isfinite(airspeed):
+        return {**at, "modes": [], "reason": "no steady flight was found, so no airspeed"}
     try:
         (model,) = _about(described, found, (airspeed,), height, density)
     except UsageError as error:
         return {**at, "modes": [], "reason": str(error)}
+    if not all(np.isfinite(part).all() for part in (model.mean.A, model.slopes.A)):
+        return {**at, "modes": [], "reason": "the model is not defined about level flight"}
     each = [mode_document(mode) for mode in eigenmodes.modes(model)]
     return {**at, "modes": each, "reason": None}
 

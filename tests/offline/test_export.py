@@ -153,3 +153,5 @@ def test_what_cannot_fly_level_has_no_modes_and_says_why(folder) -> None:
     told = linear_models.modes(bare, AIRSPEED, 100.0, 1.2)
     assert told["modes"] == []
     assert told["reason"].startswith("nothing is known of")
+    lost = linear_models.modes(stored, float("nan"), 100.0, 1.2)
+    assert lost["reason"].startswith("no steady flight")
