@@ -79,6 +79,8 @@ def named(
 ) -> tuple[Mode, ...]:
     """Modes of a matrix over the states of `linear.STATES`.
 
+    None where a motion is as much of pitch as of roll and yaw, so that the usual names say nothing.
+
     Args:
         dynamics: the matrix.
         slopes: its derivatives by uncertain values.
@@ -102,6 +104,8 @@ def named(
     while groups and count + len(groups[0]) <= len(LATERAL):
         sideways.append(groups.pop(0))
         count += len(sideways[-1])
+    if count < len(LATERAL):
+        return ()
     labelled = [*_longitudinal(groups), *_lateral(sideways)]
     return tuple(_mode(name, group, covariance) for name, group in labelled)
 

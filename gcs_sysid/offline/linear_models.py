@@ -77,7 +77,8 @@ def modes(stored: StoredModel, airspeed: float, height: float, density: float) -
     if not all(np.isfinite(part).all() for part in (model.mean.A, model.slopes.A)):
         return {**at, "modes": [], "reason": "the model is not defined about level flight"}
     each = [mode_document(mode) for mode in eigenmodes.modes(model)]
-    return {**at, "modes": each, "reason": None}
+    reason = None if each else "pitch does not come apart from roll and yaw"
+    return {**at, "modes": each, "reason": reason}
 
 
 def _about(

@@ -140,6 +140,15 @@ def test_deviations_are_those_of_draws_also_where_an_oscillation_nearly_ends(sti
     assert np.std(rolling) == pytest.approx(found["roll"].time_constants[0].deviation, rel=0.1)
 
 
+def test_where_pitch_and_roll_do_not_come_apart_nothing_has_a_name() -> None:
+    """Roll rate and pitch rate swing together; beside them yaw has three roots and pitch three."""
+    place = {name: index for index, name in enumerate(STATES)}
+    dynamics = np.diag([-0.1, -2.0, -0.5, -1.0, -1.0, -3.0, -0.5, -0.3])
+    for one, other in (("p", "q"), ("beta", "phi")):
+        dynamics[place[one], place[other]], dynamics[place[other], place[one]] = 4.0, -4.0
+    assert named(dynamics, *NOTHING) == ()
+
+
 def test_names_of_states_are_all_there_are() -> None:
     assert set(LONGITUDINAL) | set(LATERAL) == set(STATES)
     assert eigenmodes.REAL < 1e-6
