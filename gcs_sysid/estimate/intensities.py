@@ -320,7 +320,7 @@ def _still(model: FlightModel, means: Means, chunk: Chunk, last: State | None) -
         return aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
 
     ended = causal.ends(chunk, last)
-    errors = (ended.attitude_error, ended.push, ended.velocity_error)
+    errors = (getattr(ended, name) for name in aided.ERRORS)
     slow = jnp.concatenate([*ended.air, *errors], axis=1)
     return Still(jax.vmap(one)(chunk), jnp.pad(slow, ((0, 0), (aided.MOVING, 0))))
 

@@ -5,9 +5,8 @@ are *measurements* of a motion that aerodynamics, thrust and gusts bring about. 
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, what a pitot tube
-with a lag shows, the air of `air`, and the slow errors of the sources of attitude and velocity. The
-error state has 29 rows (`BLOCKS`),
-additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
+with a lag shows, the air of `air`, and the errors of the sources of attitude, velocity and airspeed
+that last. The error state has 30 rows (`BLOCKS`), additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
 equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
     f = (X + T)/m + ω̇ × r + ω × (ω × r)
@@ -45,10 +44,11 @@ BLOCKS: dict[str, slice] = {
     "attitude_error": slice(22, 25),
     "push": slice(25, 26),
     "velocity_error": slice(26, 29),
+    "airspeed_error": slice(29, 30),
 }
 """Where each part of the error state lies."""
-SIZE = 29
-ERRORS = ("attitude_error", "push", "velocity_error")
+SIZE = 30
+ERRORS = ("attitude_error", "push", "velocity_error", "airspeed_error")
 """Parts of the state that are errors of what is measured or known."""
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
@@ -82,6 +82,7 @@ class State(NamedTuple):
         attitude_error: by which the attitude source is turned, level axes [rad].
         push: acceleration along x that the thrust maps do not know [m/s²].
         velocity_error: by which the velocity source is off for seconds, NED [m/s].
+        airspeed_error: by which what is indicated is off for tenths of a second [m/s].
     """
 
     attitude: Float[Array, "*batch four"]
@@ -92,6 +93,7 @@ class State(NamedTuple):
     attitude_error: Float[Array, "*batch axis"]
     push: Float[Array, "*batch one"]
     velocity_error: Float[Array, "*batch axis"]
+    airspeed_error: Float[Array, "*batch one"]
 
 
 class Sensors(NamedTuple):
@@ -153,7 +155,8 @@ class Noise(NamedTuple):
         push: error of the thrust maps [m/s²].
         velocity_error: slow error of the velocity source [m/s].
         velocity_error_time: its correlation time [s].
-        tube: error of what a tube with a lag shows, of noise that passes the lag as well [m/s].
+        airspeed_error: error of the airspeed that lasts, noise that a filter has smoothed [m/s].
+        airspeed_error_time: its correlation time [s].
         gyro: white noise of a sample [rad/s].
         accelerometer: likewise [m/s²].
         airspeed: likewise [m/s].
@@ -170,7 +173,8 @@ class Noise(NamedTuple):
     push: Float[Array, ""]
     velocity_error: Float[Array, ""]
     velocity_error_time: Float[Array, ""]
-    tube: Float[Array, ""]
+    airspeed_error: Float[Array, ""]
+    airspeed_error_time: Float[Array, ""]
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
     airspeed: Float[Array, ""]
@@ -312,6 +316,7 @@ def _slope(
         -state.attitude_error / of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
         -state.velocity_error / noise.velocity_error_time,
+        -state.airspeed_error / noise.airspeed_error_time,
     )
 
 
@@ -406,7 +411,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         [
             row.gyro - sensed - errors.gyro_bias,
             row.accelerometer - felt - errors.accelerometer_bias,
-            row.measured.airspeed - speed * (1.0 + errors.airspeed_scale),
+            row.measured.airspeed - speed * (1.0 + errors.airspeed_scale) - state.airspeed_error,
             row.measured.velocity - tracked.velocity - state.velocity_error,
             frames.logarithm(frames.multiply(frames.conjugate(expected), row.measured.attitude)),
             row.measured.vanes

@@ -140,11 +140,12 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
             jnp.zeros(3),
             jnp.full(3, 1.0) * noise.force**2,
             noise.moment**2,
-            noise.tube[None] ** 2 * (2.0 / TUBE),
+            jnp.zeros(1),
             air.density(noise.turbulence, 1.0),
             of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),
             jnp.full(3, noise.velocity_error**2 * (2.0 / noise.velocity_error_time)),
+            noise.airspeed_error[None] ** 2 * (2.0 / noise.airspeed_error_time),
         ]
     )
 
@@ -206,10 +207,12 @@ def decay(noise: Noise) -> Float[Array, "slow slow"]:
     """How the air and the slow errors change by themselves, where `passing` is 1."""
 
     def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
-        *blown, tilted, push, tracked = jnp.split(values, (3, 6, 9, 12, 15, 16))
+        *blown, tilted, push, tracked, indicated = jnp.split(values, (3, 6, 9, 12, 15, 16, 19))
         moving = air.drift(Air(*blown), noise.turbulence, 1.0)
         tilted = tilted / of_axes(noise.attitude_error_time)
-        slow = (tilted, push / PUSH_TIME, tracked / noise.velocity_error_time)
+        tracked = tracked / noise.velocity_error_time
+        indicated = indicated / noise.airspeed_error_time
+        slow = (tilted, push / PUSH_TIME, tracked, indicated)
         return jnp.concatenate([*moving, *(-part for part in slow)])
 
     return jax.jacfwd(change)(jnp.zeros(SIZE - MOVING))

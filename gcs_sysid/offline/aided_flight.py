@@ -55,8 +55,9 @@ MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 AIRSPEED_LAG = 0.1
 """One standard deviation [s]: of tubing a metre long, and of the filters of autopilots."""
-TUBE_NOISE = 0.03
-"""First guess of the noise that passes an airspeed's lag [m/s]: a pascal or two at 20 m/s."""
+AIRSPEED_ERROR, AIRSPEED_ERROR_TIME = 0.03, 0.2
+"""First guess of the noise that an autopilot's filter has smoothed [m/s], a pascal or two at 20 m/s,
+and of how long it lasts [s]."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
 VELOCITY_ERROR, VELOCITY_ERROR_TIME = 0.05, 4.0
@@ -73,6 +74,7 @@ START_DEVIATION = np.array(
     + [0.01] * 3
     + [0.1]
     + [0.1] * 3
+    + [0.03]
 )
 """Of the first state, in the order of `aided.BLOCKS`."""
 
@@ -226,7 +228,8 @@ def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise
         push=log(THRUST_ERROR, 0.0),
         velocity_error=log(VELOCITY_ERROR, 0.0),
         velocity_error_time=log(VELOCITY_ERROR_TIME, 0.0),
-        tube=log(TUBE_NOISE, 0.0),
+        airspeed_error=log(AIRSPEED_ERROR, 0.0),
+        airspeed_error_time=log(AIRSPEED_ERROR_TIME, 0.0),
         gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
         accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
         airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
@@ -286,7 +289,8 @@ def beliefs(
         attitude_error=jnp.full(2, 1.0),
         attitude_error_time=jnp.full(2, 0.7),
         velocity_error_time=jnp.asarray(0.7),
-        tube=jnp.asarray(1.0),
+        airspeed_error=jnp.asarray(1.0),
+        airspeed_error_time=jnp.asarray(0.7),
         vanes=jnp.asarray(2.0 * flow),
     )
     spread = {
@@ -403,4 +407,5 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         attitude_error=np.zeros_like(rate),
         push=np.zeros((time.size, 1)),
         velocity_error=np.zeros_like(rate),
+        airspeed_error=np.zeros((time.size, 1)),
     )

@@ -17,9 +17,7 @@ from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
 
-LAG = 0.2
-"""Of the airspeed [s]: without one nothing is told of the noise that passes it."""
-KNOWN = made.unknowns(1.0, LAG)
+KNOWN = made.unknowns(1.0)
 FLAT, UNRAVEL = ravel_pytree(KNOWN.means)
 LOGS, UNRAVEL_LOGS = ravel_pytree(KNOWN.log_noise)
 DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
@@ -35,7 +33,7 @@ def _short_chunks() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def path() -> Path:
-    flight = made.made_flight(LAG)
+    flight = made.made_flight()
     return run(FLAT, LOGS, causal.along(flight.rows, flight.nominal, flight.beginning))[0]
 
 

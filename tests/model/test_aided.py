@@ -59,7 +59,8 @@ NOISE = Noise(
         azimuth=jnp.asarray(0.4),
     ),
     *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.array([20.0, 40.0])),
-    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0), jnp.asarray(0.03)),
+    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0)),
+    *(jnp.asarray(0.03), jnp.asarray(0.25)),
     *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
     *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
 )
@@ -86,6 +87,7 @@ def state() -> State:
         attitude_error=jnp.array([0.005, -0.003, 0.01]),
         push=jnp.array([0.2]),
         velocity_error=jnp.array([0.05, -0.02, 0.03]),
+        airspeed_error=jnp.array([0.15]),
     )
 
 
@@ -187,7 +189,7 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
     speed = np.linalg.norm(np.asarray(through) + np.cross(turning, lever))
     shown = frames.multiply(frames.exponential(now.attitude_error), now.attitude)
     seen = row(0.0).measured._replace(
-        airspeed=jnp.asarray([1.03 * speed]),
+        airspeed=1.03 * speed + now.airspeed_error,
         velocity=now.velocity + now.velocity_error,
         attitude=shown,
     )
@@ -200,7 +202,7 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
 
 def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
     """Steady but for the tube: it fills by (V − tube)/0.2 s, and shows what has come in."""
-    now = state()
+    now = state()._replace(airspeed_error=jnp.zeros(1))
     known = means(STONE)
     still = row(0.0)
     _, rate = aided.changing(STONE, known, now, still, 2)
@@ -324,21 +326,22 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     assert np.max(np.abs(off) / scale) < 5e-3
 
 
-def test_noise_that_passes_the_lag_is_as_large_as_stated_and_lasts_as_long() -> None:
-    """Of ẏ = (V − y)/T + w what stays is 0.03 m/s, and falls to 1/e in T."""
+def test_the_airspeeds_error_is_as_large_as_stated_and_lasts_as_long() -> None:
+    """Of ẏ = −y/T + w what stays is 0.03 m/s, and falls to 1/e in T."""
     quiet = jax.tree.map(jnp.zeros_like, NOISE)._replace(
         turbulence=NOISE.turbulence,
-        tube=NOISE.tube,
+        airspeed_error=NOISE.airspeed_error,
+        airspeed_error_time=NOISE.airspeed_error_time,
         attitude_error_time=NOISE.attitude_error_time,
         velocity_error_time=NOISE.velocity_error_time,
     )
-    tube, step = BLOCKS["tube"].start, 0.02
-    mechanics = jnp.zeros((aided.SIZE, aided.SIZE)).at[tube, tube].set(-1.0 / aided.TUBE)
+    error, step = BLOCKS["airspeed_error"].start, 0.02
+    mechanics = jnp.zeros((aided.SIZE, aided.SIZE))
     half = aided_linear.half_transition(mechanics, aided_linear.decay(quiet), row(step))
-    added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[tube, tube]
-    kept = float((half @ half)[tube, tube])
+    added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[error, error]
+    kept = float((half @ half)[error, error])
     assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(0.03, rel=1e-6)
-    assert kept == pytest.approx(np.exp(-step / aided.TUBE), rel=1e-4)
+    assert kept == pytest.approx(np.exp(-step / 0.25), rel=1e-4)
 
 
 def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:
