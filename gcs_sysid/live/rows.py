@@ -19,11 +19,10 @@ from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.live.choice import InertialChoice, StreamChoice
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
-from gcs_sysid.reconstruct import measurements
+from gcs_sysid.reconstruct import cut, measurements
 from gcs_sysid.reconstruct.measurements import GAP, SLOWEST_AIRSPEED
 from gcs_sysid.sources.samples import Sample
 
-INERTIAL = ("p", "q", "r", "acc_x", "acc_y", "acc_z")
 NEEDED = ("airspeed", "velocity", "attitude")
 """Groups of measurements without which there is no reconstruction."""
 SHORTEST_STEP = 0.0069
@@ -92,6 +91,7 @@ class RowMaker:
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._inertial = InertialChoice()
+        self._cut = cut.Watch()
         self._streams = {
             "airspeed": StreamChoice(measurements.AIRSPEED_STREAMS, ("airspeed",)),
             "velocity": StreamChoice(
@@ -224,18 +224,25 @@ class RowMaker:
         return self._row
 
     def _without_errors(self, sample: Sample, time: float) -> _Inertial:
-        gyro = np.array([sample.channels[name] for name in INERTIAL[:3]])
-        force = (
-            np.array([sample.channels[name] for name in INERTIAL[3:]])
-            if self._inertial.has_accelerometer
-            else self._still
-        )
+        gyro, force = np.array([sample.channels[name] for name in cut.CHANNELS[:3]]), self._still
+        if self._inertial.has_accelerometer:
+            both = self._restored(sample)
+            gyro, force = both[:3], both[3:]
         gyro, without_errors = measurements.known_errors_off(
             self._aircraft, gyro[None], force[None]
         )
         if self._inertial.has_accelerometer:
             force = without_errors[0]
         return _Inertial(time, sample.link_us, Imu(gyro[0], force))
+
+    def _restored(self, sample: Sample) -> Float[np.ndarray, " channel"]:
+        """Rate and force, with what was cut off them."""
+        values = np.array([sample.channels[name] for name in cut.CHANNELS])
+        if sample.stream in cut.STREAMS:
+            self._cut.take(values)
+            if self._cut.cut:
+                return cut.restored(values, cut.STEPS)
+        return values
 
     def _made(self, before: _Inertial, current: _Inertial) -> Row:
         step = current.time - before.time

@@ -6,7 +6,8 @@ a gust from a motion without flow vanes: air that the aircraft did not feel cann
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, what a pitot tube
 with a lag shows, the air of `air`, and the errors of the sources of attitude, velocity and airspeed
-that last. The error state has 30 rows (`BLOCKS`), additive but for the attitude, q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
+that last. The error state has 30 rows (`BLOCKS`), additive but for the attitude, q ⊗ exp(δ). With
+u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
 equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
     f = (X + T)/m + ω̇ × r + ω × (ω × r)

@@ -14,7 +14,7 @@ from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.verdict import judge
 from gcs_sysid.model.kinematics import MEASURED
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
-from gcs_sysid.reconstruct import segment_file
+from gcs_sysid.reconstruct import cut, segment_file
 from gcs_sysid.reconstruct.compatibility import Channel, Estimate
 from gcs_sysid.reconstruct.reconstruction import GUST_TIME
 
@@ -119,6 +119,7 @@ def reconstruction(flight: Flight) -> dict[str, Any]:
         "gust_sd": Estimate(gust, gust / np.sqrt(duration / GUST_TIME), "m/s").document(),
         "sensor": sensors,
         "delays": delays,
+        "inertial_cut": cut.was_cut(flight.recording.streams[states.data.used["gyro"]]),
     }
 
 

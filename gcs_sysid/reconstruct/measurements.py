@@ -12,6 +12,7 @@ from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
+from gcs_sysid.reconstruct import cut
 from gcs_sysid.reconstruct.smoother import Inputs
 from gcs_sysid.recording import Recording, Stream
 
@@ -85,6 +86,9 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     if gyro_stream is None:
         raise _missing(source, "angular rate", "RAW_IMU or ATTITUDE", "at 50 Hz")
     time, gyro = _series(gyro_stream, ("p", "q", "r"), window)
+    shortened = inertial is not None and cut.was_cut(inertial)
+    if shortened:
+        gyro = cut.restored(gyro, cut.STEPS[:3])
     time = time - lateness(aircraft, gyro_stream.name, "gyro")
     if time.size < 100:
         raise _missing(source, "angular rate while airborne", gyro_stream.name, "at 50 Hz")
@@ -101,6 +105,8 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         accelerometer = np.broadcast_to(still, gyro.shape)
     else:
         force_time, force = _series(inertial, ("acc_x", "acc_y", "acc_z"), window)
+        if shortened:
+            force = cut.restored(force, cut.STEPS[3:])
         force_time = force_time - lateness(aircraft, inertial.name, "accelerometer")
         accelerometer = _interpolate(time, force_time, force)
         used["accelerometer"] = inertial.name

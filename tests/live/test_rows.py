@@ -10,6 +10,7 @@ import pytest
 from gcs_sysid.aircraft import Aircraft, Geometry, Mass, StreamTiming
 from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED
+from gcs_sysid.reconstruct import cut
 from gcs_sysid.sources.samples import Sample
 
 EPOCH_US = 1_790_000_000_000_000
@@ -186,6 +187,20 @@ def test_the_fastest_inertial_stream_is_used() -> None:
             maker.take(inertial(index * 0.01 + 0.001, stream="RAW_IMU"))
     assert maker.used["gyro"] == "SCALED_IMU2"
     assert maker.used["accelerometer"] == "SCALED_IMU2"
+
+
+def test_what_the_autopilot_cuts_off_is_given_back_once_that_shows() -> None:
+    maker = RowMaker(aircraft())
+    first = started(maker)
+    noise = 2.0 * np.random.default_rng(4).standard_normal((4000, 6))
+    noise[-1] = [3.7, -3.7, 0.7, 5.2, -5.2, -0.3]
+    for index, values in enumerate(np.trunc(noise) * cut.STEPS, start=first):
+        channels = dict(zip(cut.CHANNELS, values.tolist(), strict=True))
+        rows = maker.take(sample("RAW_IMU", index * STEP_S, **channels))
+    (row,) = rows
+    np.testing.assert_allclose(row.after.gyro, [3.5e-3, -3.5e-3, 0.0])
+    force = 1e-3 * GRAVITY * np.array([5.5, -5.5, 0.0])
+    np.testing.assert_allclose(row.after.accelerometer, force)
 
 
 def test_without_accelerometer_the_attitude_stands_in() -> None:
