@@ -56,7 +56,7 @@ MOMENT_LAG = 0.01
 AIRSPEED_LAG = 0.1
 """One standard deviation [s]: of tubing a metre long, and of the filters of autopilots."""
 AIRSPEED_ERROR, AIRSPEED_ERROR_TIME = 0.03, 0.2
-"""First guess of the noise that an autopilot's filter has smoothed, a pascal or two at 20 m/s [m/s],
+"""First guess of noise that an autopilot's filter has smoothed, a pascal or two at 20 m/s [m/s],
 and of how long it lasts [s]."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
