@@ -238,11 +238,7 @@ class RowMaker:
     def _restored(self, sample: Sample) -> Float[np.ndarray, " channel"]:
         """Rate and force, with what was cut off them."""
         values = np.array([sample.channels[name] for name in cut.CHANNELS])
-        if sample.stream in cut.STREAMS:
-            self._cut.take(values)
-            if self._cut.cut:
-                return cut.restored(values, cut.STEPS)
-        return values
+        return self._cut.restored(values) if sample.stream in cut.STREAMS else values
 
     def _made(self, before: _Inertial, current: _Inertial) -> Row:
         step = current.time - before.time

@@ -5,9 +5,9 @@ are *measurements* of a motion that aerodynamics, thrust and gusts bring about. 
 a gust from a motion without flow vanes: air that the aircraft did not feel cannot have been there.
 
 State: attitude q, velocity v of the centre of gravity over ground, body rate ω, what a pitot tube
-with a lag shows, the air of `air`, and the errors of the sources of attitude, velocity and airspeed
-that last. The error state has 30 rows (`BLOCKS`), additive but for the attitude, q ⊗ exp(δ). With
-u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
+with a lag shows, the air of `air`, and what lasts of the errors of thrust, attitude, velocity,
+airspeed and gyros. The error state has 33 rows (`BLOCKS`), additive but for the attitude,
+q ⊗ exp(δ). With u = R(q)ᵀ(v − w − g) and ω_air = ω − R(q)ᵀ s the
 equations are those of `rigid_body`; a sensor at r from the centre of gravity feels
 
     f = (X + T)/m + ω̇ × r + ω × (ω × r)
@@ -46,10 +46,11 @@ BLOCKS: dict[str, slice] = {
     "push": slice(25, 26),
     "velocity_error": slice(26, 29),
     "airspeed_error": slice(29, 30),
+    "gyro_error": slice(30, 33),
 }
 """Where each part of the error state lies."""
-SIZE = 30
-ERRORS = ("attitude_error", "push", "velocity_error", "airspeed_error")
+SIZE = 33
+ERRORS = ("attitude_error", "push", "velocity_error", "airspeed_error", "gyro_error")
 """Parts of the state that are errors of what is measured or known."""
 ROWS: dict[str, slice] = {
     "gyro": slice(0, 3),
@@ -69,6 +70,10 @@ TUBE = 0.2
 found, the tube shows its share: to first order the same, and exact at this one."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
+AIRSPEED_TIME = 0.28
+"""Correlation time of an airspeed's error [s]: ArduPlane keeps 0.7 of it each tenth of a second."""
+GYRO_TIME = 300.0
+"""Correlation time of the gyros' drift [s]: a board warms up in minutes."""
 
 
 class State(NamedTuple):
@@ -84,6 +89,7 @@ class State(NamedTuple):
         push: acceleration along x that the thrust maps do not know [m/s²].
         velocity_error: by which the velocity source is off for seconds, NED [m/s].
         airspeed_error: by which what is indicated is off for tenths of a second [m/s].
+        gyro_error: by which the gyros' bias has drifted [rad/s].
     """
 
     attitude: Float[Array, "*batch four"]
@@ -95,6 +101,7 @@ class State(NamedTuple):
     push: Float[Array, "*batch one"]
     velocity_error: Float[Array, "*batch axis"]
     airspeed_error: Float[Array, "*batch one"]
+    gyro_error: Float[Array, "*batch axis"]
 
 
 class Sensors(NamedTuple):
@@ -157,7 +164,7 @@ class Noise(NamedTuple):
         velocity_error: slow error of the velocity source [m/s].
         velocity_error_time: its correlation time [s].
         airspeed_error: error of the airspeed that lasts, noise that a filter has smoothed [m/s].
-        airspeed_error_time: its correlation time [s].
+        gyro_error: drift of the gyros' bias [rad/s].
         gyro: white noise of a sample [rad/s].
         accelerometer: likewise [m/s²].
         airspeed: likewise [m/s].
@@ -175,7 +182,7 @@ class Noise(NamedTuple):
     velocity_error: Float[Array, ""]
     velocity_error_time: Float[Array, ""]
     airspeed_error: Float[Array, ""]
-    airspeed_error_time: Float[Array, ""]
+    gyro_error: Float[Array, ""]
     gyro: Float[Array, ""]
     accelerometer: Float[Array, ""]
     airspeed: Float[Array, ""]
@@ -317,7 +324,8 @@ def _slope(
         -state.attitude_error / of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
         -state.velocity_error / noise.velocity_error_time,
-        -state.airspeed_error / noise.airspeed_error_time,
+        -state.airspeed_error / AIRSPEED_TIME,
+        -state.gyro_error / GYRO_TIME,
     )
 
 
@@ -410,7 +418,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     _, alpha, beta = flow(shifted(3, errors.vane_delay), jnp.asarray(vanes))
     return jnp.concatenate(
         [
-            row.gyro - sensed - errors.gyro_bias,
+            row.gyro - sensed - errors.gyro_bias - state.gyro_error,
             row.accelerometer - felt - errors.accelerometer_bias,
             row.measured.airspeed - speed * (1.0 + errors.airspeed_scale) - state.airspeed_error,
             row.measured.velocity - tracked.velocity - state.velocity_error,

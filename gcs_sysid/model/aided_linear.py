@@ -18,8 +18,10 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
 from gcs_sysid.model import air
 from gcs_sysid.model.aided import (
+    AIRSPEED_TIME,
     BLOCKS,
     ERRORS,
+    GYRO_TIME,
     MOVING,
     PUSH_TIME,
     ROW_COUNT,
@@ -145,7 +147,8 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
             of_axes(noise.attitude_error) ** 2 * (2.0 / lasting),
             noise.push[None] ** 2 * (2.0 / PUSH_TIME),
             jnp.full(3, noise.velocity_error**2 * (2.0 / noise.velocity_error_time)),
-            noise.airspeed_error[None] ** 2 * (2.0 / noise.airspeed_error_time),
+            noise.airspeed_error[None] ** 2 * (2.0 / AIRSPEED_TIME),
+            jnp.full(3, noise.gyro_error**2 * (2.0 / GYRO_TIME)),
         ]
     )
 
@@ -207,12 +210,13 @@ def decay(noise: Noise) -> Float[Array, "slow slow"]:
     """How the air and the slow errors change by themselves, where `passing` is 1."""
 
     def change(values: Float[Array, " slow"]) -> Float[Array, " slow"]:
-        *blown, tilted, push, tracked, indicated = jnp.split(values, (3, 6, 9, 12, 15, 16, 19))
+        ends = (3, 6, 9, 12, 15, 16, 19, 20)
+        *blown, tilted, push, tracked, indicated, drifted = jnp.split(values, ends)
         moving = air.drift(Air(*blown), noise.turbulence, 1.0)
         tilted = tilted / of_axes(noise.attitude_error_time)
         tracked = tracked / noise.velocity_error_time
-        indicated = indicated / noise.airspeed_error_time
-        slow = (tilted, push / PUSH_TIME, tracked, indicated)
+        felt = (indicated / AIRSPEED_TIME, drifted / GYRO_TIME)
+        slow = (tilted, push / PUSH_TIME, tracked, *felt)
         return jnp.concatenate([*moving, *(-part for part in slow)])
 
     return jax.jacfwd(change)(jnp.zeros(SIZE - MOVING))

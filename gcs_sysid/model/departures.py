@@ -98,8 +98,8 @@ def sheared(
 
 
 def turned(unit: Float[Array, " axis"], by: Departures) -> Float[Array, " axis"]:
-    """A vector of the airframe as the inertial unit sees it, to first order in its tilt."""
-    return unit - frames.cross(by.imu_tilt, unit)
+    """A vector of the airframe as the inertial unit sees it."""
+    return frames.unrotate(frames.quaternion_from_euler(by.imu_tilt), unit)
 
 
 def centre(aircraft: Aircraft, by: Departures | None) -> Float[Array, " axis"]:

@@ -55,9 +55,10 @@ MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 AIRSPEED_LAG = 0.1
 """One standard deviation [s]: of tubing a metre long, and of the filters of autopilots."""
-AIRSPEED_ERROR, AIRSPEED_ERROR_TIME = 0.03, 0.2
-"""First guess of noise that an autopilot's filter has smoothed, a pascal or two at 20 m/s [m/s],
-and of how long it lasts [s]."""
+AIRSPEED_ERROR = 0.03
+"""First guess of noise that an autopilot's filter has smoothed [m/s]: a pascal or two at 20 m/s."""
+GYRO_DRIFT = 5e-4
+"""First guess of the gyros' drift [rad/s]: 0.03 °/s."""
 THRUST_ERROR = 0.1
 """First guess of the thrust maps' error [m/s²]: a hundredth of the weight."""
 VELOCITY_ERROR, VELOCITY_ERROR_TIME = 0.05, 4.0
@@ -75,6 +76,7 @@ START_DEVIATION = np.array(
     + [0.1]
     + [0.1] * 3
     + [0.03]
+    + [5e-4] * 3
 )
 """Of the first state, in the order of `aided.BLOCKS`."""
 
@@ -229,7 +231,7 @@ def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise
         velocity_error=log(VELOCITY_ERROR, 0.0),
         velocity_error_time=log(VELOCITY_ERROR_TIME, 0.0),
         airspeed_error=log(AIRSPEED_ERROR, 0.0),
-        airspeed_error_time=log(AIRSPEED_ERROR_TIME, 0.0),
+        gyro_error=log(GYRO_DRIFT, 0.0),
         gyro=log(_white(rows.gyro[rows.inertial]), 1e-3),
         accelerometer=log(_white(rows.accelerometer[rows.inertial]), 0.02),
         airspeed=log(_white(np.asarray(rows.measured.airspeed)[seen[:, 0]]), 0.05),
@@ -290,7 +292,7 @@ def beliefs(
         attitude_error_time=jnp.full(2, 0.7),
         velocity_error_time=jnp.asarray(0.7),
         airspeed_error=jnp.asarray(1.0),
-        airspeed_error_time=jnp.asarray(0.7),
+        gyro_error=jnp.asarray(1.0),
         vanes=jnp.asarray(2.0 * flow),
     )
     spread = {
@@ -408,4 +410,5 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
         push=np.zeros((time.size, 1)),
         velocity_error=np.zeros_like(rate),
         airspeed_error=np.zeros((time.size, 1)),
+        gyro_error=np.zeros_like(rate),
     )

@@ -96,6 +96,9 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
                 float(getattr(sure, f"{sensor}_bias")[index]),
                 unit,
             ).document()
+    noise, doubt = fit.unknowns.log_noise.gyro_error, fit.deviation.log_noise.gyro_error
+    drift = float(np.exp(noise))
+    document["sensor"]["gyro_drift"] = Estimate(drift, drift * float(doubt), "rad/s").document()
     document["sensor"]["airspeed_scale"] = Estimate(
         float(sensors.airspeed_scale), float(sure.airspeed_scale), "1"
     ).document()

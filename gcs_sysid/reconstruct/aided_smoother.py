@@ -32,8 +32,6 @@ That of 2000 rows the system gave and took back page by page."""
 SHORTEST = 0.5
 """Of the lengths of gusts [m]. A wing cannot be turned by air that turns within a part of its span,
 and of what is passed in less than a third of a step the Runge–Kutta scheme makes more at each."""
-BRIEFEST = 0.05
-"""Of the time that an error of the airspeed lasts [s]: in less it is white."""
 
 
 class Chunk(NamedTuple):
@@ -59,7 +57,7 @@ class Beginning(NamedTuple):
 def positive(log_noise: Noise) -> Noise:
     """Intensities from their logarithms; how gusts turn the air, which has a sign, as it is.
 
-    Lengths are at least `SHORTEST`, and the airspeed's error lasts `BRIEFEST`.
+    Lengths are at least `SHORTEST`.
     """
     noise = jax.tree.map(jnp.exp, log_noise)
     signed = {name: getattr(log_noise.turbulence, name) for name in ("coupling", "azimuth")}
@@ -67,10 +65,7 @@ def positive(log_noise: Noise) -> Noise:
         name: jnp.hypot(getattr(noise.turbulence, name), SHORTEST)
         for name in ("gust_length", "spin_length")
     }
-    return noise._replace(
-        turbulence=noise.turbulence._replace(**signed, **lengths),
-        airspeed_error_time=jnp.hypot(noise.airspeed_error_time, BRIEFEST),
-    )
+    return noise._replace(turbulence=noise.turbulence._replace(**signed, **lengths))
 
 
 @jax.jit

@@ -13,6 +13,8 @@ every ±1 tells them apart.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from jaxtyping import Float
 
@@ -27,6 +29,8 @@ STEPS = np.array([1e-3] * 3 + [1e-3 * GRAVITY] * 3)
 ENOUGH = float(np.log(1000.0))
 """Evidence from which a stream counts as cut [nat]."""
 ZERO, ONE = float(np.log(3.0 / 2.0)), float(np.log(3.0 / 4.0))
+WINDOW = 25
+"""Samples over which the sign is averaged: half a second at 50 Hz."""
 BATCH = 100
 """Samples that are looked at together as they come."""
 WHOLE = 1e-3
@@ -58,11 +62,27 @@ def was_cut(stream: Stream) -> bool:
     return evidence(values[np.isfinite(values).all(axis=-1)]) > ENOUGH
 
 
+def restored(
+    values: Float[np.ndarray, "sample axis"], step: Float[np.ndarray, " axis"]
+) -> Float[np.ndarray, "sample axis"]:
+    """What values that were cut are on average: half a step farther from zero, where that is clear.
+
+    Near zero noise changes their sign from sample to sample, and half a step each time would only
+    make more of it: the mean of the sign counts, over the `WINDOW` samples around.
+    """
+    signs = np.sign(np.round(values / step))
+    ones = np.ones(WINDOW)
+    around = np.convolve(np.ones(len(values)), ones, mode="same")
+    mean = [np.convolve(sign, ones, mode="same") / around for sign in signs.T]
+    return values + 0.5 * step * np.stack(mean, axis=-1)
+
+
 class Watch:
-    """The same of samples that come one by one."""
+    """The same of samples that come one by one, with the `WINDOW` samples that came last."""
 
     def __init__(self) -> None:
         self._waiting: list[Float[np.ndarray, " channel"]] = []
+        self._signs: deque[Float[np.ndarray, " channel"]] = deque(maxlen=WINDOW)
         self._evidence = 0.0
 
     @property
@@ -70,16 +90,13 @@ class Watch:
         """Whether what came so far was cut."""
         return self._evidence > ENOUGH
 
-    def take(self, values: Float[np.ndarray, " channel"]) -> None:
-        """Adds a sample."""
+    def restored(self, values: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
+        """Adds a sample; returns it with what is missing, once it is known to have been cut."""
+        self._signs.append(np.sign(np.round(values / STEPS)))
         self._waiting.append(values)
         if len(self._waiting) == BATCH:
             self._evidence += evidence(np.stack(self._waiting))
             self._waiting = self._waiting[-2:]
-
-
-def restored(
-    values: Float[np.ndarray, "*sample axis"], step: Float[np.ndarray, " axis"]
-) -> Float[np.ndarray, "*sample axis"]:
-    """What values that were cut are on average: half a step farther from zero, and 0 itself 0."""
-    return values + 0.5 * step * np.sign(np.round(values / step))
+        if not self.cut:
+            return values
+        return values + 0.5 * STEPS * np.mean(self._signs, axis=0)

@@ -208,7 +208,7 @@ def _sentence(text: str) -> str:
 
 def _label(item: Mapping) -> str:
     controls = [entry.get("control") for entry in item["parameters"].values()]
-    named = [name for name in controls if name]
+    named = list(dict.fromkeys(name for name in controls if name))
     return " and ".join(item["causes"]).replace("none", "nothing") + (
         f" ({', '.join(named)})" if named else ""
     )

@@ -69,7 +69,7 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
         velocity_error=jnp.log(jnp.asarray(0.03)),
         velocity_error_time=jnp.log(jnp.asarray(4.0)),
         airspeed_error=jnp.log(jnp.asarray(0.03)),
-        airspeed_error_time=jnp.log(jnp.asarray(0.2)),
+        gyro_error=jnp.log(jnp.asarray(5e-4)),
         gyro=jnp.log(jnp.asarray(0.004)),
         accelerometer=jnp.log(jnp.asarray(0.1)),
         airspeed=jnp.log(jnp.asarray(0.2)),
@@ -82,7 +82,7 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
 
 def made_flight(airspeed_lag: float = 0.0) -> Flight:
     """Eight seconds with elevator inputs, every noise drawn at its stated size."""
-    rng, rng_of_airspeed = np.random.default_rng(21), np.random.default_rng(22)
+    rng, rng_of_slow = np.random.default_rng(21), np.random.default_rng(22)
     means, logs = unknowns(1.0, airspeed_lag)
     noise = aided_smoother.positive(logs)
     time = STEP * np.arange(COUNT)
@@ -98,6 +98,7 @@ def made_flight(airspeed_lag: float = 0.0) -> Flight:
         jnp.zeros(1),
         jnp.zeros(3),
         jnp.zeros(1),
+        jnp.zeros(3),
     )
 
     @jax.jit
@@ -114,10 +115,11 @@ def made_flight(airspeed_lag: float = 0.0) -> Flight:
     states, seen = [], []
     for index in range(COUNT):
         row = jax.tree.map(lambda part, index=index: part[index], rows)
-        others, airspeed = rng.standard_normal(aided.SIZE - 2), rng_of_airspeed.standard_normal(1)
+        # Draws of their own for what came later, so that all else stays as it was.
+        others, slow = rng.standard_normal(aided.SIZE - 5), rng_of_slow.standard_normal(4)
         # Nothing pushes what a tube shows.
         pushed = np.insert(others, aided.BLOCKS["tube"].start, 0.0)
-        state, left = ahead(state, row, jnp.asarray(np.concatenate([pushed, airspeed])))
+        state, left = ahead(state, row, jnp.asarray(np.concatenate([pushed, slow])))
         states.append(state)
         # What a perfect sensor would read is what leaves no innovation.
         seen.append(-np.asarray(left) + white * rng.standard_normal(aided.ROW_COUNT))

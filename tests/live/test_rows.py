@@ -193,7 +193,7 @@ def test_what_the_autopilot_cuts_off_is_given_back_once_that_shows() -> None:
     maker = RowMaker(aircraft())
     first = started(maker)
     noise = 2.0 * np.random.default_rng(4).standard_normal((4000, 6))
-    noise[-1] = [3.7, -3.7, 0.7, 5.2, -5.2, -0.3]
+    noise[-cut.WINDOW :] = [3.7, -3.7, 0.7, 5.2, -5.2, -0.3]
     for index, values in enumerate(np.trunc(noise) * cut.STEPS, start=first):
         channels = dict(zip(cut.CHANNELS, values.tolist(), strict=True))
         rows = maker.take(sample("RAW_IMU", index * STEP_S, **channels))

@@ -59,8 +59,8 @@ NOISE = Noise(
         azimuth=jnp.asarray(0.4),
     ),
     *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.array([20.0, 40.0])),
-    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0)),
-    *(jnp.asarray(0.03), jnp.asarray(0.25)),
+    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0), jnp.asarray(0.03)),
+    jnp.asarray(1e-3),
     *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
     *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
 )
@@ -88,6 +88,7 @@ def state() -> State:
         push=jnp.array([0.2]),
         velocity_error=jnp.array([0.05, -0.02, 0.03]),
         airspeed_error=jnp.array([0.15]),
+        gyro_error=jnp.array([0.001, -0.002, 0.0015]),
     )
 
 
@@ -168,7 +169,7 @@ def test_the_scheme_is_of_fourth_order() -> None:
 
 
 def test_a_spinning_stone_in_free_fall_feels_its_lever_only() -> None:
-    """No air forces: f = push + ω̇ × r + ω × (ω × r), and the gyro reads ω."""
+    """No air forces: f = push + ω̇ × r + ω × (ω × r), and the gyro reads ω and its drift."""
     errors = aided.innovation(STONE, means(STONE), state(), row(0.0))
     rate = np.asarray(state().rate)
     inertia = STONE.mass.inertia
@@ -177,7 +178,8 @@ def test_a_spinning_stone_in_free_fall_feels_its_lever_only() -> None:
     felt = np.cross(turning, lever) + np.cross(rate, np.cross(rate, lever))
     felt = felt + np.array([0.2, 0.0, 0.0])
     np.testing.assert_allclose(errors[ROWS["accelerometer"]], -felt, atol=1e-12)
-    np.testing.assert_allclose(errors[ROWS["gyro"]], -rate, atol=1e-15)
+    drifted = rate + np.array([0.001, -0.002, 0.0015])
+    np.testing.assert_allclose(errors[ROWS["gyro"]], -drifted, atol=1e-15)
 
 
 def test_what_the_sensors_read_leaves_no_innovation() -> None:
@@ -331,7 +333,6 @@ def test_the_airspeeds_error_is_as_large_as_stated_and_lasts_as_long() -> None:
     quiet = jax.tree.map(jnp.zeros_like, NOISE)._replace(
         turbulence=NOISE.turbulence,
         airspeed_error=NOISE.airspeed_error,
-        airspeed_error_time=NOISE.airspeed_error_time,
         attitude_error_time=NOISE.attitude_error_time,
         velocity_error_time=NOISE.velocity_error_time,
     )
@@ -341,7 +342,7 @@ def test_the_airspeeds_error_is_as_large_as_stated_and_lasts_as_long() -> None:
     added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[error, error]
     kept = float((half @ half)[error, error])
     assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(0.03, rel=1e-6)
-    assert kept == pytest.approx(np.exp(-step / 0.25), rel=1e-4)
+    assert kept == pytest.approx(np.exp(-step / aided.AIRSPEED_TIME), rel=1e-4)
 
 
 def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:

@@ -13,6 +13,7 @@ from gcs_sysid import aircraft_file, frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.model import departures, rigid_body
 from gcs_sysid.model.departures import Departures
+from gcs_sysid.reconstruct.measurements import known_errors_off
 
 FILE = aircraft_file.load(
     Path(__file__).resolve().parents[2] / "data" / "aircraft" / "ultra_stick_25e.toml"
@@ -93,13 +94,14 @@ def test_shear_blows_along_the_wind_and_grows_with_height() -> None:
 
 
 def test_a_tilted_unit_sees_a_turned_vector() -> None:
-    """To first order the transpose of its rotation."""
-    by = NONE._replace(imu_tilt=jnp.array([0.01, -0.02, 0.005]))
-    turn = frames.exponential(by.imu_tilt)
+    """As with a file that says so: its own mounting undone gives the vector back."""
+    tilt = (0.06, -0.07, 0.05)
     vector = jnp.array([1.0, -2.0, 9.0])
-    np.testing.assert_allclose(
-        departures.turned(vector, by), frames.unrotate(turn, vector), atol=3e-3
-    )
+    seen = departures.turned(vector, NONE._replace(imu_tilt=jnp.array(tilt)))
+    stated = replace(FILE, imu=replace(FILE.imu, misalignment=tilt))
+    _, back = known_errors_off(stated, np.zeros((1, 3)), np.asarray(seen)[None])
+    np.testing.assert_allclose(back[0], vector, rtol=1e-12)
+    assert np.linalg.norm(np.asarray(seen) - vector) > 0.5
 
 
 @pytest.mark.parametrize("axis", range(3))
