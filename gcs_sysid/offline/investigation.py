@@ -136,17 +136,17 @@ def investigate(
 
     standing = question.tested((), question.settled(telling("flying the simulation along", 0)))
     ranked = rank(standing.information, listed, every)
-    tested: list[tuple[Candidate, ...]] = [()]
+    tested: set[frozenset[Candidate]] = {frozenset()}
     needed = NONE_NEEDED
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
         sizes = quantities.servo_sizes(_freed(listed, best), reached)
-        if best.causes in tested and sizes is None:
+        if frozenset(best.causes) in tested and sizes is None:
             break
         asking = question
         if sizes is not None:
             asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
-        tested.append(best.causes)
+        tested.add(frozenset(best.causes))
         words = " and ".join(candidate.label for candidate in best.causes)
         trial = asking.tested(
             best.causes,
