@@ -17,6 +17,7 @@ from collections import deque
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import uniform_filter1d
 
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.recording import Stream
@@ -71,10 +72,7 @@ def restored(
     make more of it: the mean of the sign counts, over the `WINDOW` samples around.
     """
     signs = np.sign(np.round(values / step))
-    ones = np.ones(WINDOW)
-    around = np.convolve(np.ones(len(values)), ones, mode="same")
-    mean = [np.convolve(sign, ones, mode="same") / around for sign in signs.T]
-    return values + 0.5 * step * np.stack(mean, axis=-1)
+    return values + 0.5 * step * uniform_filter1d(signs, WINDOW, axis=0, mode="nearest")
 
 
 class Watch:

@@ -328,21 +328,27 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     assert np.max(np.abs(off) / scale) < 5e-3
 
 
-def test_the_airspeeds_error_is_as_large_as_stated_and_lasts_as_long() -> None:
-    """Of ẏ = −y/T + w what stays is 0.03 m/s, and falls to 1/e in T."""
+@pytest.mark.parametrize(
+    ("name", "size", "time"),
+    [("airspeed_error", 0.03, aided.AIRSPEED_TIME), ("gyro_error", 1e-3, aided.GYRO_TIME)],
+)
+def test_an_error_that_lasts_is_as_large_as_stated_and_lasts_as_long(
+    name: str, size: float, time: float
+) -> None:
+    """Of ẏ = −y/T + w what stays is as large as stated, and falls to 1/e in T."""
     quiet = jax.tree.map(jnp.zeros_like, NOISE)._replace(
         turbulence=NOISE.turbulence,
-        airspeed_error=NOISE.airspeed_error,
+        **{name: getattr(NOISE, name)},
         attitude_error_time=NOISE.attitude_error_time,
         velocity_error_time=NOISE.velocity_error_time,
     )
-    error, step = BLOCKS["airspeed_error"].start, 0.02
+    error, step = BLOCKS[name].start, 0.02
     mechanics = jnp.zeros((aided.SIZE, aided.SIZE))
     half = aided_linear.half_transition(mechanics, aided_linear.decay(quiet), row(step))
     added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[error, error]
     kept = float((half @ half)[error, error])
-    assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(0.03, rel=1e-6)
-    assert kept == pytest.approx(np.exp(-step / aided.AIRSPEED_TIME), rel=1e-4)
+    assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(size, rel=1e-6)
+    assert kept == pytest.approx(np.exp(-step / time), rel=1e-4)
 
 
 def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:

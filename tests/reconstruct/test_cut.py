@@ -60,6 +60,12 @@ def test_a_slow_turn_is_as_long_as_it_was_and_no_noisier(turn: float) -> None:
     assert rough[1] < 1.01 * rough[0]
 
 
+@pytest.mark.parametrize("count", [0, 1, 10])
+def test_few_samples_are_restored_too(count: int) -> None:
+    known = np.full((count, 6), 3.0) * cut.STEPS
+    np.testing.assert_allclose(cut.restored(known, cut.STEPS), known + 0.5 * cut.STEPS)
+
+
 def test_samples_that_come_one_by_one_are_restored_once_it_shows() -> None:
     for encoded, expected in ((np.trunc, True), (np.round, False)):
         values = encoded(motion()) * cut.STEPS
