@@ -41,6 +41,8 @@ FAR = 1000.0
 wrong derivatives a filter would rather believe in gusts that turn the air for seconds."""
 LONGEST_WAIT = 20
 """Passes after which they no longer do."""
+CLIMBED = 4
+"""Steps of the intensities after which two beginnings are compared."""
 DAMPED = 0.3
 """Damping after the first of these steps that went too far; after the next, ten times as much."""
 FORERUNS = 2
@@ -56,6 +58,8 @@ CALMED = 2
 CALM = 20.0
 """Where they gained more than this, a slope that changed less than was expected may have done so by
 them."""
+STALE = 5
+"""Turns that bring the likelihood no further, one after the other, after which the best stands."""
 HALF = 0.5
 """Share of what was expected that a change counts as at least: no step more than doubles."""
 LEAST_CURVED, MOST_CURVED = 0.1, 5.0
@@ -92,6 +96,7 @@ class Settled:
         fitted: rows from which the parameters of the mean were taken.
         log_likelihood: after each turn.
         ended: whether nothing more was to be gained.
+        left: what a further step of the parameters would gain [nat].
     """
 
     values: Float[np.ndarray, " parameter"]
@@ -100,6 +105,12 @@ class Settled:
     fitted: Bool[np.ndarray, " sample"]
     log_likelihood: tuple[float, ...]
     ended: bool
+    left: float = 0.0
+
+    @property
+    def restless(self) -> bool:
+        """Whether the search ended far from its end: what it says of parameters is no number."""
+        return not self.ended and self.left > QUIET
 
 
 def settle(
@@ -163,10 +174,48 @@ def _neared(
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
 ) -> Unknowns:
-    """Parameters of the mean brought near, with intensities as they are, by damped steps."""
+    """A flight's unknowns brought near enough for turns.
+
+    With intensities far too small (gusts of a metre, where long ones are expected) a step of the
+    mean goes astray: what shakes the aircraft is taken for derivatives. Then it may be the
+    intensities that have to come first. Which, is told by the likelihood of either beginning.
+    """
+    approached, astray = _approached(model, flight, first, beliefs, counts, progress)
+    if not astray:
+        return approached
+    progress("the parameters went astray: gusts and noise are tried first")
+    both = [_climbed(model, flight, begun, beliefs) for begun in (first, approached)]
+    likelier = max(both, key=lambda climbed: climbed[0])[1]
+    return _approached(model, flight, likelier, beliefs, counts, progress)[0]
+
+
+def _climbed(
+    model: FlightModel, flight: Flight, begun: Unknowns, beliefs: Beliefs
+) -> tuple[float, Unknowns]:
+    """Unknowns with intensities some steps on, and their log-likelihood; −∞ for a lost flight."""
+    path, search = _path(model, flight, begun), Search(begun.log_noise)
+    search = intensities.climbed(model, begun.means, path, beliefs.noise, search, CLIMBED)
+    begun = begun._replace(log_noise=search.log_noise)
+    steps = causal.filtered(path, causal.joined(model, *begun, path))[2]
+    density = sum(float(np.sum(done.log_likelihood)) for done in steps)
+    return density if np.isfinite(density) else -np.inf, begun
+
+
+def _approached(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    progress: Callable[[str], None],
+) -> tuple[Unknowns, bool]:
+    """Parameters of the mean brought near by damped steps, with intensities as they are.
+
+    And whether a step went astray.
+    """
     values = np.asarray(ravel_pytree(first.means)[0])
     free = np.diagonal(beliefs.covariance) > 0.0
-    path, damping, best = _path(model, flight, first), 0.0, None
+    path, damping, best, astray = _path(model, flight, first), 0.0, None, False
     for turn in range(LONGEST_WAIT):
         means = _means(first.means, values)
         done = causal.passed(model, means, first.log_noise, path, counts, chosen=free)
@@ -175,12 +224,13 @@ def _neared(
         if best is None or density > best[0]:
             best, damping = (density, values, done), 0.2 * damping
         else:
+            astray = astray or not density > best[0] - SETBACK
             damping = max(10.0 * damping, DAMPED)
         move, gain, _ = _newton(best[2], beliefs, best[1], None, damping)
         if gain < FAR:
             break
         values, path = best[1] + move, best[2].path
-    return first._replace(means=_means(first.means, best[1]))
+    return first._replace(means=_means(first.means, best[1])), astray
 
 
 def _path(model: FlightModel, flight: Flight, unknowns: Unknowns) -> Path:
@@ -212,7 +262,7 @@ def _turns(
     path = _path(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
-    looks, quiet = 2 if oriented else 0, 0
+    looks, quiet, stale = 2 if oriented else 0, 0, 0
     best, setbacks = _Turn(-np.inf, values, first.log_noise, path, None), 0
     history: list[float] = []
     before: _Slope | None = None
@@ -239,6 +289,10 @@ def _turns(
         if enough or (rough and quiet == CALMED and not looks):
             ended = True
             break
+        stale = 0 if grown > ENOUGH[1] else stale + 1
+        if stale == STALE:
+            values, path, search = best.values, best.path, Search(best.log_noise)
+            break
         values = values + move
         path, means = done.path, _means(first.means, values)
         if gain + search.gained > QUIET:
@@ -262,7 +316,8 @@ def _turns(
         means = _means(first.means, values)
         last = causal.passed(model, means, best.log_noise, best.path, counts, chosen=told_of)
     history.append(float(last.log_likelihood.sum()))
-    return Settled(values, search.log_noise, last, counts, tuple(history), ended)
+    left = _newton(last, beliefs, values, None)[1]
+    return Settled(values, search.log_noise, last, counts, tuple(history), ended, left)
 
 
 class _Turn(NamedTuple):

@@ -413,6 +413,8 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     speed = speed + lag / TUBE * (shown - speed)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
+    if by is not None:
+        turned = departures.told(turned, by)
     expected = frames.multiply(frames.exponential(source), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
     _, alpha, beta = flow(shifted(3, errors.vane_delay), jnp.asarray(vanes))

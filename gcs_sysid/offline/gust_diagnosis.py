@@ -44,7 +44,7 @@ def diagnosed(
         apart: whether the last flight only judges.
 
     Raises:
-        RefusedError: the filter lost the aircraft.
+        RefusedError: the filter lost the aircraft, or its search found no rest.
     """
     fitted, held_out = _parts(flights, apart=apart)
     aircraft, file = (_as_found(one, under.delay) for one in (aircraft, under.aircraft))

@@ -122,6 +122,9 @@ def investigate(
         fitted: which flights take part.
         held_out: maneuvers that take none.
         progress: told what is being done.
+
+    Raises:
+        RefusedError: the filter lost the aircraft, or its search found no rest.
     """
     asked = _Asked(aircraft, flights, fitted, held_out)
     reached = dict[str, float]()
@@ -165,6 +168,8 @@ def investigate(
             standing, question, reached = trial, asking, sizes or reached
         ranked = rank(standing.information, listed, every, needed)
     information, apart, done = standing.information, standing.apart, standing.done
+    for subject, last in zip(question.subjects, done, strict=True):
+        settled.rested(subject, last)
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(done)

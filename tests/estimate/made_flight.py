@@ -80,10 +80,19 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
     return Unknowns(Means(scaled, sensors), noise)
 
 
-def made_flight(airspeed_lag: float = 0.0) -> Flight:
+def sharp(known: Noise) -> Noise:
+    """With gusts of 2 m/s a metre long, as a simulated autopilot may make them."""
+    turbulence = known.turbulence._replace(
+        gust=jnp.log(jnp.full(3, 2.0)), gust_length=jnp.log(jnp.full(3, 1.0))
+    )
+    return known._replace(turbulence=turbulence)
+
+
+def made_flight(airspeed_lag: float = 0.0, logs: Noise | None = None) -> Flight:
     """Eight seconds with elevator inputs, every noise drawn at its stated size."""
     rng, rng_of_slow = np.random.default_rng(21), np.random.default_rng(22)
-    means, logs = unknowns(1.0, airspeed_lag)
+    means, known = unknowns(1.0, airspeed_lag)
+    logs = known if logs is None else logs
     noise = aided_smoother.positive(logs)
     time = STEP * np.arange(COUNT)
     elevator = 0.04 * np.sign(np.sin(2.0 * np.pi * 0.9 * time)) - 0.03
@@ -107,7 +116,10 @@ def made_flight(airspeed_lag: float = 0.0) -> Flight:
         mechanics = aided_linear.jacobian(AIRCRAFT, means, now, row, 1)
         half = aided_linear.half_transition(mechanics, aided_linear.decay(noise), row)
         spread = aided_linear.process(half, row, aided_linear.driving(noise))
-        root = jnp.linalg.cholesky(spread + 1e-20 * jnp.eye(aided.SIZE))
+        size = jnp.sqrt(jnp.diagonal(spread)) + 1e-10
+        root = size[:, None] * jnp.linalg.cholesky(
+            spread / jnp.outer(size, size) + 1e-9 * jnp.eye(aided.SIZE)
+        )
         moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
         return moved, aided.innovation(AIRCRAFT, means, moved, row)
 

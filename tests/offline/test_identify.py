@@ -231,6 +231,7 @@ def test_the_summary_has_every_key_that_others_read(demo: Identified) -> None:
     assert entry(reconstruction["gust_sd"], "m/s")
     assert all({"value", "sd", "unit"} <= item.keys() for item in reconstruction["sensor"].values())
     assert entry(reconstruction["delays"]["SERVO_OUTPUT_RAW"], "s")
+    assert reconstruction["inertial_cut"] is False
     for maneuver in summary["maneuvers"]:
         assert {"id", "kind", "start_us", "end_us", "held_out"} <= maneuver.keys()
     assert summary["timing"].keys() == {"read_s", "reconstruct_s", "fit_s", "total_s"}

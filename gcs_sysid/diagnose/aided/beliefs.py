@@ -36,6 +36,8 @@ IMU_PLACE = 0.02
 """Of where the inertial unit sits [m]."""
 IMU_TILT = float(np.radians(0.4))
 """Of how it is mounted [rad]."""
+ATTITUDE_TILT = float(np.radians(0.4))
+"""Of what an autopilot calls level: its trim, and what its filter has wrong for minutes [rad]."""
 GYRO_SCALE = 0.003
 HEADING = 0.02
 """Of a compass that was calibrated [rad]."""
@@ -71,6 +73,7 @@ def ordinary(
         "departures.offset": RIGGING,
         "departures.imu_position": IMU_PLACE,
         "departures.imu_tilt": IMU_TILT,
+        "departures.attitude_tilt": ATTITUDE_TILT,
         "departures.gyro_scale": GYRO_SCALE,
         "departures.heading": HEADING,
         "departures.shear": SHEAR,

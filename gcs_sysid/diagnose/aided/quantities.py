@@ -363,15 +363,20 @@ def _aeroelastic(
     own: Iterable[tuple[str, str, float]],
     qbar: Float[np.ndarray, " sample"],
 ) -> Direction:
-    """1 + loss·log2(q̄/q̄ref) as a line in q̄ over the dynamic pressures flown."""
-    reference = float(np.median(qbar))
-    level, slope = np.linalg.lstsq(
-        np.stack([np.ones_like(qbar), qbar], axis=1), np.log2(qbar / reference), rcond=None
-    )[0]
+    """1 + loss·log2(q̄/q̄ref) as a parabola in q̄ over the dynamic pressures flown.
+
+    A line is off by up to 0.08 of the loss where the highest speed is 1.5 times the lowest, a
+    parabola by 0.01.
+    """
+    middle = float(np.median(qbar))
+    relative = qbar / middle
+    powers = np.stack([np.ones_like(qbar), relative, relative**2], axis=1)
+    level, slope, bend = np.linalg.lstsq(powers, np.log2(relative), rcond=None)[0]
     direction: dict[str, float] = {}
     for coefficient, key, value in own:
         direction[f"aerodynamics.{coefficient}.{key}"] = float(level) * value
-        direction[terms.name(coefficient, f"{key}*qbar")] = float(slope) * value
+        direction[terms.name(coefficient, f"{key}*qbar")] = float(slope) / middle * value
+        direction[terms.name(coefficient, f"{key}*qbar^2")] = float(bend) / middle**2 * value
     return direction
 
 

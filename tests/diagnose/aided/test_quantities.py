@@ -273,7 +273,7 @@ def test_bending_follows_the_logarithm_of_the_pressures_flown(aircraft) -> None:
         bent = coefficients(found, {"aeroelastic.elevator": -0.3}, flow) - still
         wanted = 1.0 - 0.3 * np.log2(qbar / reference)
         large = np.abs(plain) > 1e-9
-        np.testing.assert_allclose(bent[large] / plain[large], wanted, atol=0.02)
+        np.testing.assert_allclose(bent[large] / plain[large], wanted, atol=0.005)
 
 
 def test_what_bends_is_put_right_by_level_and_loss_together(aircraft) -> None:
