@@ -156,6 +156,7 @@ def investigate(
             asking.settled(
                 telling(f"trying {words}", turn),
                 causes=wherever(best.causes, every),
+                accuracy=best.accuracy,
                 start=standing.done,
                 moved=listed.alone(best.causes, best.posterior.mean),
             ),
@@ -302,6 +303,7 @@ class _Question:
         self,
         telling: Telling,
         causes: Sequence[Candidate] = (),
+        accuracy: float = 1.0,
         start: Sequence[Settled] | None = None,
         moved: Float[np.ndarray, " unknown"] | None = None,
     ) -> list[Settled]:
@@ -310,16 +312,18 @@ class _Question:
         Args:
             telling: told about every flight's turns.
             causes: what is set free.
+            accuracy: of the file's aerodynamics, in its sigmas: where it is good, what it cannot
+                have wrong is not to move in the cause's stead.
             start: where the flights were settled before.
             moved: departures of all unknowns to begin with; None where they were before.
         """
-        done = []
+        done, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
             done.append(
                 settled.settle(
                     self.model,
                     one,
-                    _with(own, self.listed, number, causes) if causes else own,
+                    _with(own, listed, number, causes) if causes else own,
                     lambda text, number=number: telling(text, number),
                     start=None if start is None else start[number],
                     moved=None if moved is None else self.listed.in_flight(number, moved),
@@ -442,9 +446,10 @@ def _with(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidat
 
     What is ordinarily off in servos and the like is weighed, and not looked for: to first order.
     """
-    sigma, mean = listed.freed(causes)
-    quantities_free = listed.alone(causes, sigma)[listed.parameters :]
     places = listed.own[number]
+    sigma, mean = listed.freed(causes)
+    ordinary = np.diag(sigma[places] ** 2)
+    quantities_free = listed.alone(causes, sigma)[listed.parameters :]
     along = listed.directions[places] * quantities_free
     centre = own.mean + listed.directions[places] @ mean[listed.parameters :]
-    return replace(own, mean=centre, covariance=own.covariance + along @ along.T)
+    return replace(own, mean=centre, covariance=ordinary + along @ along.T)

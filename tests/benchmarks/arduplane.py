@@ -68,7 +68,7 @@ def rows(flight: str, found: dict[str, Any]) -> list[tuple[str, ...]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--flights", nargs="*", default=["A"])
+    parser.add_argument("--flights", nargs="*", default=["A", "B"])
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "arduplane")
     parser.add_argument("--save", action="store_true")
     asked = parser.parse_args()
