@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.offline import investigation
+from gcs_sysid.errors import RefusedError
+from gcs_sysid.estimate.intensities import Prior
+from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.offline import investigation, settled
+from gcs_sysid.offline.settled import Subject
+from gcs_sysid.reconstruct.causal import Pass
+from tests.diagnose.aided import made_unknowns as made
+from tests.estimate import made_flight
+
+SILENT = Prior(*[made_flight.unknowns(1.0).log_noise] * 2)
 
 
 def listed(name: str, about: str = "") -> list[Candidate]:
@@ -22,3 +37,27 @@ def test_a_rate_limit_is_tried_where_it_was_found() -> None:
     """Each of its places is all of its effect: two at once would be twice that."""
     limits = [*listed("actuator_rate_limit", "elevator"), *listed("actuator_rate_limit", "aileron")]
     assert investigation.wherever((limits[1],), limits) == (limits[1],)
+
+
+@pytest.mark.parametrize("accuracy", [0.1, 1.0, 4.0])
+def test_a_favourite_is_tried_with_a_file_as_accurate_as_it_has_it(accuracy: float) -> None:
+    """The lift slope by its share; what is no aerodynamics as before, mass by its cause as well."""
+    one = made.listed()
+    own = Beliefs(np.zeros(4), np.diag(made.ORDINARY**2), SILENT)
+    mass = made.EVERY[:1]
+    found = investigation._with(own, one.as_accurate(accuracy), 0, mass)
+    wanted = made.ORDINARY * [accuracy, 1.0, 1.0, 1.0]
+    wanted[1] = np.hypot(wanted[1], mass[0].cause.parameters[0].sigma)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), wanted)
+
+
+def test_a_search_that_found_no_rest_is_refused() -> None:
+    subject = Mock(spec=Subject, one=Mock())
+    subject.one.recording.source = "shaken.tlog"
+    far = Settled(
+        np.zeros(2), SILENT.mean, Mock(spec=Pass), np.ones(3, dtype=bool), (), False, 600.0
+    )
+    with pytest.raises(RefusedError, match=r"shaken\.tlog.*no rest"):
+        settled.rested(subject, far)
+    settled.rested(subject, replace(far, left=40.0))
+    settled.rested(subject, replace(far, ended=True))
