@@ -178,6 +178,7 @@ def table(document: Document) -> Any:
         grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
         grid.add_column("")
         grid.add_column("measured ± 95 %")
+        grid.add_column("processes ± 95 %")
         grid.add_column("first model: derivatives ± 95 %")
         for name, item in document["coefficients"].items():
             terms = document["derivatives"].get(name, {})
@@ -186,7 +187,13 @@ def table(document: Document) -> Any:
                 for key, term in terms.items()
             )
             measured = _number(item["value"], BAND * item["sd"])
-            grid.add_row(name, measured, words or "collecting")
+            believed = document["processes"]["coefficients"].get(name)
+            learned = (
+                document["processes"]["phase"]
+                if believed is None
+                else _number(believed["value"], BAND * believed["sd"])
+            )
+            grid.add_row(name, measured, learned, words or "collecting")
         pieces.append(grid)
     if document.get("maneuver"):
         pieces.append(_gauge(document["maneuver"]))

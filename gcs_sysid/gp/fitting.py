@@ -211,6 +211,33 @@ def in_batches(known: Posterior, inputs: Float[np.ndarray, "sample input"]) -> B
     return Belief(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
+def repeats(
+    inputs: Float[np.ndarray, "sample input"],
+    values: Float[np.ndarray, "sample output"],
+    piece: Int[np.ndarray, " sample"],
+    step: float,
+) -> Float[np.ndarray, " output"]:
+    """How many samples say the same, by what a straight line in all inputs leaves.
+
+    Args:
+        inputs: in any units.
+        values: likewise, NaN where an output is missing.
+        piece: unbroken stretch of flight of each sample, in the order of time.
+        step: sample interval [s].
+    """
+    columns = np.concatenate([np.ones((inputs.shape[0], 1)), inputs], axis=1)
+    columns /= np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    out = []
+    for column in values.T:
+        known = np.isfinite(column)
+        if not known.any():
+            out.append(1.0)
+            continue
+        line = columns[known] @ np.linalg.lstsq(columns[known], column[known], rcond=None)[0]
+        out.append(noise.repeats(column[known] - line, piece[known], step))
+    return np.array(out)
+
+
 def _rows(scale: Scaling, data: Data, slopes: Float[np.ndarray, "sample output input"]) -> Rows:
     variance = noise.with_inputs(data.variance, slopes, data.input_variance)
     return samples.rows(scale, data.inputs, data.values, variance)
@@ -221,26 +248,11 @@ def _without_repeats(data: Data) -> tuple[Data, Float[np.ndarray, " output"]]:
 
     The others would cost as much, and tell nothing.
     """
-    repeated = _repeats(data)
+    repeated = repeats(data.inputs, data.values, data.piece, data.step)
     stride = max(int(repeated.min() / ENOUGH), 1)
     parts = ("inputs", "values", "variance", "input_variance", "slopes", "piece")
     fewer = {name: getattr(data, name)[::stride] for name in parts}
     return replace(data, **fewer, step=data.step * stride), np.maximum(repeated / stride, 1.0)
-
-
-def _repeats(data: Data) -> Float[np.ndarray, " output"]:
-    """How many samples say the same, by what a straight line in all inputs leaves."""
-    columns = np.concatenate([np.ones((data.inputs.shape[0], 1)), data.inputs], axis=1)
-    columns /= np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    out = []
-    for column in data.values.T:
-        known = np.isfinite(column)
-        if not known.any():
-            out.append(1.0)
-            continue
-        line = columns[known] @ np.linalg.lstsq(columns[known], column[known], rcond=None)[0]
-        out.append(noise.repeats(column[known] - line, data.piece[known], data.step))
-    return np.array(out)
 
 
 def _folds(piece: Int[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:

@@ -18,7 +18,8 @@ from gcs_sysid.gp.reservoir import Reservoir
 from gcs_sysid.gp.samples import Rows, padded
 
 BATCH = 512
-"""Rows a compiled step takes of a batch; a single sample has a step of its own."""
+SIZES = (1, 8, BATCH)
+"""Rows that compiled steps take: a sample, a few of them, many."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def start(base: Basis, *, capacity: int) -> Learner:
 def observe(learner: Learner, some: Rows, flight: int) -> Learner:
     """After one sample or a batch of one flight."""
     count = some.inputs.shape[0]
-    size = 1 if count == 1 else BATCH
+    size = next((one for one in SIZES if count <= one), BATCH)
     total = learner.total
     own = learner.flights.get(flight) or inducing.nothing(total.vector.shape[0])
     for batch in padded(some, size):

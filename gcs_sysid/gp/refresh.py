@@ -141,12 +141,17 @@ class Refresher:
 
     `observe` answers at once: it serves the old posterior's learner until the new one is there, and
     what came in between is added to it then.
+
+    Args:
+        first: what is known so far.
+        settings: how much is spent on a refresh.
+        worker: the other thread; it is `close`d with this.
     """
 
-    def __init__(self, first: Learner, settings: Settings) -> None:
+    def __init__(self, first: Learner, settings: Settings, worker: ThreadPoolExecutor) -> None:
         self.learner = first
         self._settings = settings
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="gp-refresh")
+        self._worker = worker
         self._coming: Future[Learner] | None = None
         self._since: list[tuple[Rows, int]] = []
 

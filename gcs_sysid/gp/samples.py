@@ -44,11 +44,12 @@ def scaling(
 ) -> Scaling:
     """Scales by mean and standard deviation; NaN in `values` is a missing output."""
     spread = np.std(inputs, axis=0)
-    unit = np.array([np.std(column[np.isfinite(column)]) for column in values.T])
+    known = (column[np.isfinite(column)] for column in values.T)
+    unit = np.array([np.std(column) if column.size else 0.0 for column in known])
     return Scaling(
         centre=np.mean(inputs, axis=0),
         spread=np.where(spread > 0.0, spread, 1.0),
-        unit=np.where(np.isfinite(unit) & (unit > 0.0), unit, 1.0),
+        unit=np.where(unit > 0.0, unit, 1.0),
     )
 
 

@@ -82,7 +82,7 @@ class Departures:
             for variable, unsure in samples.regressor_variance.items():
                 moved = {**values, variable: values[variable] + np.sqrt(unsure[kept])}
                 variance = variance + (self._simulated(model, moved)[0] - simulated) ** 2
-            variance = variance + self._scales(name, samples, kept)
+            variance = variance + scale_variance(self._aircraft, name, samples, kept)
             size = float(np.mean(samples.measured[name][kept] - simulated))
             away = size / float(np.sqrt(np.mean(variance)))
             _judge(self._watched[name], float(samples.time[kept][0]), size, away)
@@ -110,14 +110,16 @@ class Departures:
             variance = variance + (term.sigma * column) ** 2
         return value, variance
 
-    def _scales(self, name: str, samples: Samples, kept: slice) -> Float[np.ndarray, " sample"]:
-        """Variance by what mass, inertia and thrust may be wrong by."""
-        mass = self._aircraft.mass
-        weight = mass.inertia_sigma if name in MOMENTS else mass.mass_sigma
-        push = max((engine.thrust_sigma for engine in self._aircraft.propulsion), default=0.0)
-        return (weight * samples.mass_part[name][kept]) ** 2 + (
-            push * samples.thrust_part[name][kept]
-        ) ** 2
+
+def scale_variance(
+    aircraft: Aircraft, name: str, samples: Samples, kept: slice
+) -> Float[np.ndarray, " sample"]:
+    """Variance of a coefficient by what mass, inertia and thrust may be wrong by."""
+    weight = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
+    push = max((engine.thrust_sigma for engine in aircraft.propulsion), default=0.0)
+    return (weight * samples.mass_part[name][kept]) ** 2 + (
+        push * samples.thrust_part[name][kept]
+    ) ** 2
 
 
 def _judge(watched: _Watched, time: float, size: float, away: float) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gcs_sysid import frames
-from gcs_sysid.live import advice
+from gcs_sysid.live import advice, envelope_map, processes
 from gcs_sysid.live.causes import likely
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.filter import Estimate
@@ -46,6 +46,7 @@ def document(
     known = {name: one.terms() for name, one in solved.items()}
     alone = station.model.solutions(believing=False)
     taught = {name: one.terms() for name, one in alone.items()}
+    learned = processes.document(station.processes, here(station))
     departs = station.departures.told()
     vehicle = station.decoder.vehicle
     return {
@@ -86,7 +87,8 @@ def document(
         "maneuver": station.maneuvers.document(taught, epoch),
         "maneuvers": station.maneuvers.legs(epoch),
         "suggestions": advice.suggestions(station.aircraft, taught),
-        "map": station.map.document(solved),
+        "processes": learned,
+        "map": known_where(station, solved),
         "latency": {
             "packet_to_update": station.latency.percentiles(),
             "update": station.effort.percentiles(),
@@ -138,6 +140,28 @@ def coefficients(station: Station) -> dict[str, dict[str, float]]:
         }
         for name, values in samples.measured.items()
     }
+
+
+def here(station: Station) -> Mapping[str, np.ndarray] | None:
+    """Flow and deflections of the newest measured coefficients."""
+    if station.samples is None:
+        return None
+    row = slice(KEPT.stop - 1, KEPT.stop)
+    return {name: np.asarray(value)[row] for name, value in station.samples.regressors.items()}
+
+
+def known_where(station: Station, solved: Mapping[str, Solution]) -> dict[str, Any]:
+    """The confidence map: by the processes, before these know anything by the first model."""
+    learned = station.processes
+    if learned.phase != "known":
+        first = envelope_map.of_first_model(solved, station.aircraft.control_names)
+        return {"by": "first model", **station.map.document(first)}
+
+    def deviation(places: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        found = learned.at(places)
+        return {} if found is None else found.lack
+
+    return {"by": "processes", **station.map.document(deviation)}
 
 
 def alarms(station: Station, now_us: int | None) -> list[dict[str, Any]]:

@@ -1,14 +1,14 @@
-"""Where the flight has been, and how well the first model knows the coefficients there.
+"""Where the flight has been, and how well the coefficients are known there.
 
 Seconds of flight are counted in cells of angle of attack and sideslip, of angle of attack and each
-longitudinal control, and of airspeed. A cell is known where one standard deviation of the first
-model's coefficient is below `LEVEL` of the coefficient's spread over the flight so far; everything
-else stands at its mean over the flight. Memory does not grow.
+longitudinal control, and of airspeed. A cell is known where one standard deviation of a coefficient
+is below `LEVEL` of the coefficient's spread over the flight so far; everything else stands at its
+mean over the flight. Memory does not grow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,9 @@ USUAL_BETA = (-0.25, 0.25)
 """Limits for files without an envelope [rad]."""
 FASTEST = 3.0
 """The same for airspeed, over the slowest."""
+Values = Mapping[str, Float[np.ndarray, " cell"]]
+Deviation = Callable[[Values], Values]
+"""From regressors to one standard deviation of each coefficient that is known at all."""
 
 
 class EnvelopeMap:
@@ -37,7 +40,6 @@ class EnvelopeMap:
     """
 
     def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
         limits = _limits(aircraft)
         pitch = [name for name in aircraft.control_names if _turns_nose(name)][:1]
         self.planes = [("alpha", "beta"), *(("alpha", name) for name in pitch)]
@@ -61,7 +63,7 @@ class EnvelopeMap:
             part = np.array([column.sum(), column @ column])
             self._sums[name] = self._sums.get(name, np.zeros(2)) + part
 
-    def document(self, found: Mapping[str, Solution]) -> dict[str, Any]:
+    def document(self, deviation: Deviation) -> dict[str, Any]:
         """Edges, seconds, and the coefficients' deviations over their spread, plane by plane."""
         return {
             "level": LEVEL,
@@ -77,15 +79,13 @@ class EnvelopeMap:
                     "x_edges": _rounded(self._edges[plane[0]]),
                     "y_edges": _rounded(self._edges[plane[1]]),
                     "seconds": _rounded(self._seconds[plane]),
-                    "share_of_spread": self._shares(plane, found),
+                    "share_of_spread": self._shares(plane, deviation),
                 }
                 for plane in self.planes
             ],
         }
 
-    def _shares(
-        self, plane: tuple[str, str], found: Mapping[str, Solution]
-    ) -> dict[str, list[list[float]]]:
+    def _shares(self, plane: tuple[str, str], deviation: Deviation) -> dict[str, list[list[float]]]:
         if not self._count:
             return {}
         middles = [0.5 * (self._edges[name][1:] + self._edges[name][:-1]) for name in plane]
@@ -93,23 +93,30 @@ class EnvelopeMap:
         here = {name: np.full(CELLS**2, sums[0] / self._count) for name, sums in self._sums.items()}
         here |= {name: values.ravel() for name, values in zip(plane, grid, strict=True)}
         return {
-            name: _rounded((self._deviation(one, here) / self._spread(name)).reshape(CELLS, CELLS))
-            for name, one in found.items()
+            name: _rounded((one / self._spread(name)).reshape(CELLS, CELLS))
+            for name, one in deviation(here).items()
             if name in self._sums
         }
-
-    def _deviation(
-        self, one: Solution, here: Mapping[str, Float[np.ndarray, " cell"]]
-    ) -> Float[np.ndarray, " cell"]:
-        controls = self._aircraft.control_names
-        parsed = [regressors.parse(key, controls=controls) for key in one.keys]
-        columns = np.stack([regressors.evaluate(item, here) * np.ones(CELLS**2) for item in parsed])
-        return np.sqrt(np.maximum(np.einsum("ic,ij,jc->c", columns, one.covariance, columns), 0.0))
 
     def _spread(self, name: str) -> float:
         total, square = self._sums[name]
         variance = square / self._count - (total / self._count) ** 2
         return float(max(np.sqrt(max(variance, 0.0)), 1e-9))
+
+
+def of_first_model(found: Mapping[str, Solution], controls: Sequence[str]) -> Deviation:
+    """By the first model, which is a polynomial: as sure outside as inside of what was flown."""
+
+    def deviation(here: Values) -> Values:
+        out = {}
+        for name, one in found.items():
+            parsed = [regressors.parse(key, controls=controls) for key in one.keys]
+            columns = np.stack([regressors.evaluate(each, here) for each in parsed])
+            variance = np.einsum("ic,ij,jc->c", columns, one.covariance, columns)
+            out[name] = np.sqrt(np.maximum(variance, 0.0))
+        return out
+
+    return deviation
 
 
 def _turns_nose(name: str) -> bool:

@@ -154,6 +154,7 @@ def run(
                 beside = LinkReader(bus, mailbox, clock_us=clock.us, number=BUS)
                 running.enter_context(beside)
             running.enter_context(warming.started(aircraft, compiled, session.ready))
+            running.callback(station.processes.close)
             why = _listen(session, stopped, options.quiet_after)
         note = _line(main).broken or ("" if reader.failure is None else reader.failure.what)
     if not session.heard:
@@ -194,7 +195,7 @@ def _resumed(recorder: Recorder, station: Station, out: Path) -> str:
     path = out / snapshot.NAME
     if not path.exists():
         return f"{words}; there is no snapshot of the model, it begins anew"
-    restored = snapshot.restore(path, station.model)
+    restored = snapshot.restore(path, station.model, station.processes)
     if found.last_us is None:
         return f"{words}; the model goes on from its snapshot"
     behind = max(found.last_us - restored.time_us, 0) * 1e-6
@@ -234,6 +235,7 @@ def _publisher(out: Path, show: Show, station: Station, clock: Clock) -> Show:
             snapshot.save(
                 out / snapshot.NAME,
                 station.model,
+                station.processes,
                 time_us=station.newest.row.link_us,
                 updates=station.updates,
             )

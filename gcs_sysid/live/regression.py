@@ -132,6 +132,8 @@ class RunningModel:
             for name, keys in structure.keys.items()
         }
         self._variance = np.zeros(len(UNCERTAIN))
+        self._newest = np.zeros((len(UNCERTAIN), 0))
+        self._slopes = np.zeros((len(UNCERTAIN), 0, 0))
         push = max((item.thrust_sigma for item in aircraft.propulsion), default=0.0)
         mass = aircraft.mass
         self._sigma = {
@@ -173,9 +175,9 @@ class RunningModel:
         columns[:, moments] = rates.smooth(
             samples.time, columns[:, moments], samples.smoothing
         ).value
-        self._variance = np.array(
-            [np.mean(samples.regressor_variance[name][kept]) for name in UNCERTAIN]
-        )
+        self._newest = np.stack([samples.regressor_variance[name][kept] for name in UNCERTAIN])
+        self._slopes = slopes[:, kept]
+        self._variance = self._newest.mean(axis=1)
         for name, measured in samples.measured.items():
             place = self._structure.place[name]
             self._sums[name].add(
@@ -188,6 +190,21 @@ class RunningModel:
                     [samples.mass_part[name][kept], samples.thrust_part[name][kept]], axis=1
                 ),
             )
+
+    def flow_variance(
+        self, known: Mapping[str, Mapping[str, TermEstimate]]
+    ) -> dict[str, Float[np.ndarray, "variable sample"]]:
+        """Variance that errors of each of `UNCERTAIN` add to the coefficients in the newest rows.
+
+        Args:
+            known: derivatives, by which they do; a coefficient without is left out.
+        """
+        out = {}
+        for name, terms in known.items():
+            value = [terms[key].value for key in self._structure.keys[name]]
+            slopes = self._slopes[:, :, self._structure.place[name]] @ np.array(value)
+            out[name] = slopes**2 * self._newest
+        return out
 
     def solutions(self, *, believing: bool = True) -> dict[str, Solution]:
         """Derivatives by coefficient with their covariance.

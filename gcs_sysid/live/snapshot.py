@@ -1,4 +1,4 @@
-"""The first model kept on disk while it is learned, so that a killed program can go on with it."""
+"""What is learned kept on disk meanwhile, so that a killed program can go on with it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs_sysid.errors import InputError
+from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.offline import documents
 
@@ -29,10 +30,13 @@ class Restored:
     updates: int
 
 
-def save(path: Path, model: RunningModel, *, time_us: int, updates: int) -> None:
-    """Writes what the model knows, whole or not at all, and onto the disk."""
+def save(
+    path: Path, model: RunningModel, processes: Processes, *, time_us: int, updates: int
+) -> None:
+    """Writes what first model and processes know, whole or not at all, and onto the disk."""
     arrays = {
         **model.state(),
+        **processes.state(),
         _SCHEMA: np.array(SCHEMA),
         _TIME: np.array(time_us),
         _UPDATES: np.array(updates),
@@ -48,8 +52,8 @@ def save(path: Path, model: RunningModel, *, time_us: int, updates: int) -> None
     documents.write_atomic(path, write)
 
 
-def restore(path: Path, model: RunningModel) -> Restored:
-    """Lets a model go on from a snapshot of one of the same structure.
+def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:
+    """Lets both go on from a snapshot of those of the same structure.
 
     Raises:
         InputError: it cannot be read, or belongs to another aircraft or program.
@@ -67,6 +71,7 @@ def restore(path: Path, model: RunningModel) -> Restored:
         )
     try:
         model.restore(arrays)
+        processes.restore(arrays)
         return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]))
     except (KeyError, TypeError, ValueError) as error:
         raise _damaged(path, error) from error

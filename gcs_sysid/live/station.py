@@ -23,6 +23,7 @@ from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
 from gcs_sysid.live.latency import Latency
 from gcs_sysid.live.maneuver import ManeuverWatch
+from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import Regressors, RunningModel, TermEstimate
 from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS, IMU_STREAMS
@@ -79,6 +80,7 @@ class Station:
         self.commands = Commands(aircraft, compiled.maps)
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
+        self.processes = Processes(aircraft, believing=prior is not None)
         self.departures = Departures(aircraft)
         self.alarms = Alarms()
         self.map = EnvelopeMap(aircraft)
@@ -193,6 +195,7 @@ class Station:
             # A landing roll lasts some seconds before it is known as one, and teaches nothing.
             if self.watch.fast_enough(samples.regressors["V"][KEPT]):
                 self.model.take(samples, KEPT)
+                self.processes.take(samples, KEPT, self.model.flow_variance(self.taught()))
                 self.departures.take(samples, KEPT)
                 self.map.take(samples, KEPT)
                 self.maneuvers.take(samples, KEPT, self.taught)

@@ -66,7 +66,7 @@ class Soak:
             aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: self._now[0]
         )
         if self.done and (out / snapshot.NAME).exists():
-            snapshot.restore(out / snapshot.NAME, self._station.model)
+            snapshot.restore(out / snapshot.NAME, self._station.model, self._station.processes)
 
     def _lines(self) -> list[str]:
         """Whole lines; one that a kill cut is left out."""
@@ -130,7 +130,7 @@ class Soak:
         newest = self._station.newest
         if newest is not None:
             snapshot.save(
-                self._out / snapshot.NAME, self._station.model,
+                self._out / snapshot.NAME, self._station.model, self._station.processes,
                 time_us=newest.row.link_us, updates=self._station.updates,
             )  # fmt: skip
         log.write(json.dumps(note) + "\n")

@@ -37,6 +37,10 @@ def document(**changes: object) -> dict:
         "derivatives": {
             "CZ": {"1": {"value": -0.3, "sd": 0.01}, "alpha": {"value": -4.51, "sd": 0.2}}
         },
+        "processes": {
+            "phase": "known", "samples": 600, "wanted": 512,
+            "coefficients": {"CZ": {"value": -0.4071, "sd": 0.002}},
+        },
         "latency": {"packet_to_update": {"p50_ms": 21.7, "p99_ms": 34.2}},
         "counts": {
             "received": 1000, "recorded": 1003, "updates": 400, "decimated": 2, "late": 1,
@@ -63,9 +67,10 @@ def test_a_line_holds_state_coefficients_and_counts():
         assert words in text
 
 
-def test_a_terminal_shows_the_first_model_too():
+def test_a_terminal_shows_first_model_and_processes_too():
     text = shown(document())
     for words in (
+        "-0.4071 ± 0.0039",
         "roll 10.0 ± 0.4°",
         "const -0.300 ± 0.020",
         "alpha -4.51 ± 0.39",

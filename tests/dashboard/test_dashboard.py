@@ -64,8 +64,12 @@ def live(**parts: object) -> dict:
         },
         "maneuvers": [],
         "suggestions": [{"fly": "rudder doublets", "for": ["Cn_rhat", "CY_beta"], "wanted": 0.1}],
+        "processes": {
+            "phase": "known", "samples": 700, "wanted": 512,
+            "coefficients": {"CZ": {"value": -0.4512, "sd": 0.004}},
+        },
         "map": {
-            "level": 0.1, "least_s": 1.0,
+            "by": "processes", "level": 0.1, "least_s": 1.0,
             "speed": {"edges": [10.0, 15.0, 20.0], "seconds": [4.0, 8.0]},
             "planes": [
                 {"x": "alpha", "y": "beta", "x_edges": [-0.1, 0.0, 0.1],
@@ -262,6 +266,8 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert 'data-name="V"><span>airspeed</span><b>21.3</b><span>± 1.0 m/s</span>' in seen
     assert "<b>5.7</b><span>± 1.1 °</span>" in seen  # 0.1 rad ± 1.96 · 0.01 rad
     assert "-0.457 ± 0.020" in seen
+    assert "-0.4512 ± 0.0078" in seen
+    assert "by the processes" in seen
     assert "alpha -4.50 ± 0.49" in seen
     assert html.escape("A <b>bold</b> aircraft") in seen
     assert "The vehicle refuses AOA_SSA." in seen

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -100,7 +102,8 @@ def test_nothing_is_compiled_anew_and_the_store_stays_bounded(base):
     known = learner.start(base, capacity=50)
     rows = flown(6, 700)
     known = learner.observe(known, rows, 0)
-    known = learner.observe(known, some_of(rows, np.array([0])), 0)
+    for few in (1, 2):
+        known = learner.observe(known, some_of(rows, np.arange(few)), 0)
     before = inducing.told._cache_size()
     for start in range(0, 600, 7):
         known = learner.observe(known, some_of(rows, np.arange(start, start + 1)), start % 3)
@@ -163,7 +166,8 @@ def test_a_refresh_loses_at_most_two_hundredths_of_a_nat(base, capacity):
 
 def test_what_comes_during_a_refresh_is_in_the_new_learner(base):
     rows = flown(13, 300)
-    held = Refresher(learner.observe(learner.start(base, capacity=400), rows, 0), SETTINGS)
+    first = learner.observe(learner.start(base, capacity=400), rows, 0)
+    held = Refresher(first, SETTINGS, ThreadPoolExecutor(max_workers=1))
     held.begin()
     for index in range(5):
         held.observe(some_of(rows, np.array([index])), 1)

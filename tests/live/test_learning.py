@@ -13,7 +13,7 @@ from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.gp.confidence import SHORTEST
 from gcs_sysid.live import advice
 from gcs_sysid.live.causes import likely, suspects
-from gcs_sysid.live.envelope_map import EnvelopeMap
+from gcs_sysid.live.envelope_map import EnvelopeMap, of_first_model
 from gcs_sysid.live.maneuver import QUIET_S, ManeuverWatch
 from gcs_sysid.live.regression import Solution, TermEstimate
 
@@ -113,7 +113,7 @@ def test_the_map_counts_where_it_was_and_knows_what_the_model_knows(aircraft: Ai
         whole.take(window(begin, alpha=alpha), KEPT)
     keys = ("1", "alpha")
     known = Solution(keys, np.zeros(2), np.diag([1e-4, 1e-2]) ** 2)
-    told = whole.document({"Cm": known})
+    told = whole.document(of_first_model({"Cm": known}, aircraft.control_names))
     plane = told["planes"][0]
     seconds = np.array(plane["seconds"])
     flown = len(range(0, 5000, HOP)) * HOP * STEP

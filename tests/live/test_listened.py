@@ -15,6 +15,7 @@ from gcs_sysid.errors import InputError
 from gcs_sysid.live import snapshot
 from gcs_sysid.live.coefficients import HOP, KEPT
 from gcs_sysid.live.listen import Ending, identified
+from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import MEASURED
@@ -230,10 +231,12 @@ def test_the_model_goes_on_as_it_was_kept(
     listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
 ) -> None:
     path, kept = tmp_path / snapshot.NAME, listened.station.model
-    snapshot.save(path, kept, time_us=1234, updates=77)
+    snapshot.save(path, kept, listened.station.processes, time_us=1234, updates=77)
     again = RunningModel(aircraft, compiled.regressors, None)
     assert again.estimates() == {}
-    assert snapshot.restore(path, again) == snapshot.Restored(1234, 77)
+    processes = Processes(aircraft, believing=False)
+    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77)
+    assert processes.count == listened.station.processes.count > 0
     assert kept.estimates()
     assert again.estimates() == kept.estimates()
 
@@ -243,21 +246,22 @@ def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
 ) -> None:
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     model = RunningModel(aircraft, compiled.regressors, None)
-    snapshot.save(path, kept, time_us=1, updates=1)
+    processes = Processes(aircraft, believing=False)
+    snapshot.save(path, kept, processes, time_us=1, updates=1)
     whole = path.read_bytes()
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="cannot be read as a snapshot"):
-            snapshot.restore(path, model)
+            snapshot.restore(path, model, processes)
     arrays = {**kept.state(), "schema": np.array(1), "time_us": np.array(1)}
     np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
     with pytest.raises(InputError, match="another aircraft file"):
-        snapshot.restore(path, model)
+        snapshot.restore(path, model, processes)
     first = next(name for name in arrays if name.endswith("information"))
     arrays[first] = np.full_like(arrays[first], np.nan)
     np.savez(path, **arrays, updates=np.array(1), structure=np.array(model.structure))
     with pytest.raises(InputError, match="not finite"):
-        snapshot.restore(path, model)
+        snapshot.restore(path, model, processes)
     assert model.estimates() == {}
 
 

@@ -17,6 +17,7 @@ from gcs_sysid.cli.commands import listen as command
 from gcs_sysid.errors import InputError
 from gcs_sysid.live import listen, snapshot, warming
 from gcs_sysid.live.listen import Options
+from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.live.station import Compiled
 from tests.live.test_listen import Ticking
@@ -121,7 +122,7 @@ def test_a_snapshot_with_a_pickle_inside_is_not_opened(
     with pytest.raises(pytest.fail.Exception, match="a pickle was opened"):
         np.load(path, allow_pickle=True)["structure"]
     with pytest.raises(InputError, match="cannot be read as a snapshot"):
-        snapshot.restore(path, model)
+        snapshot.restore(path, model, Processes(aircraft, believing=False))
 
 
 def test_a_page_that_is_killed_does_not_end_the_listening(tmp_path, monkeypatch) -> None:

@@ -86,6 +86,7 @@ function speeds(canvas, map) {
 function maps(live) {
   if (!live || !live.map) return;
   chooser(live);
+  at("map-by").textContent = live.map.by ? `by the ${live.map.by}` : "";
   const box = at("map");
   while (box.children.length < live.map.planes.length + 1) {
     const figure = document.createElement("figure");

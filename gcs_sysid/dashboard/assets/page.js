@@ -41,14 +41,20 @@ function tiles(live) {
     return tile;
   }));
 }
+function waiting(processes) {
+  if (processes.phase !== "collecting") return processes.phase || "–";
+  return `${processes.samples} of ${processes.wanted} samples`;
+}
 function model(live) {
   const rows = Object.entries(live.coefficients).map(([name, item]) => {
     const terms = Object.entries(live.derivatives[name] || {})
       .map(([key, term]) => cell("span", `${key === "1" ? "const" : key} ${told(term.value, term.sd)}`, "term"));
     const row = document.createElement("tr"), learned = cell("td", terms.length ? "" : "collecting", "wide");
+    const processes = live.processes || {}, believed = (processes.coefficients || {})[name];
     row.dataset.name = name;
     learned.append(...terms);
-    row.append(cell("th", name), cell("td", told(item.value, item.sd)), learned);
+    row.append(cell("th", name), cell("td", told(item.value, item.sd)),
+      cell("td", believed ? told(believed.value, believed.sd) : waiting(processes)), learned);
     return row;
   });
   at("model").tBodies[0].replaceChildren(...rows);
