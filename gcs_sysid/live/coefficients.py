@@ -7,13 +7,15 @@ samples would hardly change these: the smoother's memory is shorter than `LAG`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gcs_sysid.aircraft import FORCES, Aircraft
 from gcs_sysid.estimate import coefficients
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.live.commands import Commands
-from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.filter import Estimate, flown
 from gcs_sysid.live.ring import Ring
 from gcs_sysid.model.kinematics import Noise
 from gcs_sysid.reconstruct import rates
@@ -49,12 +51,12 @@ class CoefficientWindow:
         self._commands = commands
         self._ring = Ring(rates.WINDOW, 21)
         self._rates = RunningRates()
-        self._pending = 0
+        self._pending: list[Estimate] = []
 
     def clear(self) -> None:
         """Forgets the window: what comes next does not follow it."""
         self._ring.clear()
-        self._pending = 0
+        self._pending = []
 
     def take(
         self, estimate: Estimate, noise: Noise, lever: np.ndarray, *, has_accelerometer: bool
@@ -70,11 +72,12 @@ class CoefficientWindow:
         Returns:
             Every `HOP` estimates the coefficients of the whole window, else None.
         """
-        self._ring.add(_packed(estimate))
-        self._pending += 1
-        if self._pending < HOP:
+        self._pending.append(estimate)
+        if len(self._pending) < HOP:
             return None
-        self._pending = 0
+        for row in _packed(self._pending):
+            self._ring.add(row)
+        self._pending = []
         rows = self._ring.rows()
         self._learn(rows[-HOP:])
         if not self._ring.full or self._commands.missing is not None:
@@ -116,14 +119,11 @@ class CoefficientWindow:
         )
 
 
-def _packed(estimate: Estimate) -> np.ndarray:
+def _packed(estimates: Sequence[Estimate]) -> np.ndarray:
+    """Rows of the window, in the order of `_COLUMNS`."""
+    seen = flown(estimates)
+    scalars = np.array([(one.row.time, one.row.density, one.row.height) for one in estimates])
+    spread = seen.covariance.reshape(len(estimates), -1)
     return np.concatenate(
-        [
-            [estimate.row.time],
-            estimate.flow,
-            estimate.flow_covariance.ravel(),
-            estimate.rate,
-            estimate.force,
-            [estimate.row.density, estimate.row.height],
-        ]
+        [scalars[:, :1], seen.flow, spread, seen.rate, seen.force, scalars[:, 1:]], axis=1
     )

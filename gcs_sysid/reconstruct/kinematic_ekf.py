@@ -11,6 +11,7 @@ import functools
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from jaxtyping import Array, Float
@@ -33,21 +34,16 @@ from gcs_sysid.reconstruct.observation import ROWS, observation
 
 def _step(
     state: State, before: Imu, after: Imu, step: Float[Array, ""], noise: Noise
-) -> tuple[State, Float[Array, "state state"]]:
-    """State after a step and the whole Jacobian, as filterpy wants it."""
+) -> tuple[State, Float[Array, "state state"], Float[Array, "state state"]]:
+    """State after a step, the whole Jacobian and the process noise, as filterpy wants them."""
     ahead, jacobian = transition(state, before, after, step, noise)
-    return ahead, jacobian.dense()
+    return ahead, jacobian.dense(), jnp.diag(process_covariance(step, noise))
 
 
 @functools.cache
-def _compiled() -> tuple[Any, Any, Any, Any]:
+def _compiled() -> tuple[Any, Any, Any]:
     """The model's functions, compiled once for a process."""
-    return (
-        jax.jit(_step),
-        jax.jit(observation),
-        jax.jit(process_covariance),
-        jax.jit(compose),
-    )
+    return jax.jit(_step), jax.jit(observation), jax.jit(compose)
 
 
 class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type information
@@ -85,17 +81,17 @@ class KinematicFilter(ExtendedKalmanFilter):  # filterpy ships no type informati
         if not isinstance(u, tuple):
             raise TypeError("`u` must be (Imu before, Imu after, step)")
         before, after, step = u
-        move, _, spread, _ = _compiled()
+        move, _, _ = _compiled()
         length = np.asarray(step, dtype=np.float64)
-        ahead, jacobian = move(self.state, before, after, length, self.noise)
+        ahead, jacobian, spread = move(self.state, before, after, length, self.noise)
         self.attitude = np.asarray(ahead.attitude)
         self.x = np.asarray(ahead.rest)
         self.F = np.asarray(jacobian)
-        self.Q = np.diag(np.asarray(spread(length, self.noise)))
+        self.Q = np.asarray(spread)
 
     def observe(self, imu: Imu, measured: Measurements) -> None:
         """Takes in what arrived since the last step and folds the attitude error back."""
-        _, look, _, fold = _compiled()
+        _, look, fold = _compiled()
         residual, jacobian, variance, nis = (
             np.asarray(value)
             for value in look(self.state, self.P, imu, measured, self.levers, self.noise)
