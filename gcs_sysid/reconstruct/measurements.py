@@ -381,9 +381,11 @@ def known_errors_off(
 ) -> tuple[Float[np.ndarray, "sample axis"], Float[np.ndarray, "sample axis"]]:
     """Rate and specific force in body axes, with the file's biases, scales and mounting undone."""
     imu = aircraft.imu
-    mounting = frames.quaternion_from_euler(np.array([imu.misalignment]))
     rate = (gyro - np.array(imu.gyro.bias)) / (1.0 + np.array(imu.gyro.scale))
     force = (accelerometer - np.array(imu.accelerometer.bias)) / (
         1.0 + np.array(imu.accelerometer.scale)
     )
+    if not any(imu.misalignment):
+        return rate, force
+    mounting = frames.quaternion_from_euler(np.array([imu.misalignment]))
     return frames.rotate(mounting, rate), frames.rotate(mounting, force)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -88,7 +89,7 @@ def _hide(result: Channels, where: Bool[np.ndarray, " sample"], *names: str) -> 
 
 
 def _all_zero(result: Channels, *names: str) -> Bool[np.ndarray, " sample"]:
-    return np.all([result[name] == 0.0 for name in names], axis=0)
+    return reduce(np.logical_and, (result[name] == 0.0 for name in names))
 
 
 def _wrapped(angle: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:

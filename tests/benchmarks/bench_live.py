@@ -2,7 +2,8 @@
 
 `gcs-sysid listen` runs as its users run it, in a process of its own, and is fed over UDP by this
 one: 100 Hz of inertial unit, attitude and servos, 10 Hz of the rest (`live_feed`). Then the same
-at ten times the rate. `--seconds N` is the length of both (default 60; twenty at ten times).
+at ten times the rate for twenty seconds. `--seconds N` is the length of the first: in three minutes
+the processes learn, and learn anew.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from live_feed import AIRCRAFT, Feed
 
 from gcs_sysid.sources import tlog
 
-SECONDS = 60.0
+SECONDS = 180.0
 TIMES = 10
 _TICKS = os.sysconf("SC_CLK_TCK")
 PATIENCE_S = 120.0
