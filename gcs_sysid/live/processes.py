@@ -37,7 +37,7 @@ from gcs_sysid.gp.refresh import Refresher, Settings
 from gcs_sysid.gp.reservoir import Kept, Reservoir
 from gcs_sysid.gp.samples import Scaling
 from gcs_sysid.live import departure
-from gcs_sysid.live.regression import UNCERTAIN
+from gcs_sysid.live.regression import ANGLES
 
 EVERY = 8
 """One of so many rows is learned from: six a second at 50 Hz. Those between say the same."""
@@ -51,8 +51,6 @@ AT_ONCE = 64
 PATIENT = 10
 """By how much the learning thread steps back for others, as `nice` counts it."""
 FLIGHT = 0
-ANGLES = [UNCERTAIN.index(name) for name in ("alpha", "beta")]
-"""What is wrong for minutes when it is; gusts turn the air anew each second."""
 PREFIX = "processes."
 Values = Mapping[str, Float[np.ndarray, " place"]]
 

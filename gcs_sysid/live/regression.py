@@ -5,6 +5,10 @@ as after a minute, and the estimate is that of all samples so far: the equation 
 `estimate.equation_error`, with its kinds of uncertainty. The coloured residuals' part comes from
 stretches of `STRETCH` seconds taken as independent of each other (Liang & Zeger 1986): the score of
 a stretch is linear in the estimate, so sums of its products hold for any later estimate.
+
+The live filter knows the flow angles to half a degree, and what it has wrong it has wrong for
+minutes: an error δ of one of them moves the estimate by −(Σ w x xᵀ)⁻¹ Σ w x (∂x/∂angle · θ) δ,
+whatever the number of samples.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ STRETCH = 2.0
 
 UNCERTAIN = ("alpha", "beta", "phat", "qhat", "rhat")
 """Variables whose error counts, see `coefficients.Samples.regressor_variance`."""
+ANGLES = slice(0, 2)
+"""Those of them that are wrong for minutes when they are; gusts turn the air anew each second."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +138,7 @@ class RunningModel:
             for name, keys in structure.keys.items()
         }
         self._variance = np.zeros(len(UNCERTAIN))
+        self._lasting = np.zeros((2, len(UNCERTAIN[ANGLES])))
         self._newest = np.zeros((len(UNCERTAIN), 0))
         self._slopes = np.zeros((len(UNCERTAIN), 0, 0))
         push = max((item.thrust_sigma for item in aircraft.propulsion), default=0.0)
@@ -153,7 +160,7 @@ class RunningModel:
             for name, own in self._sums.items()
             for part, value in own.state().items()
         }
-        return {"variance": self._variance, **sums}
+        return {"variance": self._variance, "lasting": self._lasting, **sums}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Goes on from the `state` of a model of the same structure.
@@ -163,6 +170,7 @@ class RunningModel:
             ValueError: something has another shape, or is not finite.
         """
         self._variance = _alike(state["variance"], self._variance)
+        self._lasting = _alike(state["lasting"], self._lasting)
         for name, own in self._sums.items():
             own.restore({part: state[f"{name}.{part}"] for part in own.state()})
 
@@ -178,6 +186,9 @@ class RunningModel:
         self._newest = np.stack([samples.regressor_variance[name][kept] for name in UNCERTAIN])
         self._slopes = slopes[:, kept]
         self._variance = self._newest.mean(axis=1)
+        # Samples count by what is known of the flow, and so do its errors in what they say.
+        known = 1.0 / np.maximum(self._newest[ANGLES], 1e-300)
+        self._lasting += (np.full(len(known), known.shape[1]), known.sum(axis=1))
         for name, measured in samples.measured.items():
             place = self._structure.place[name]
             self._sums[name].add(
@@ -216,12 +227,14 @@ class RunningModel:
             Nothing of a coefficient that has too few samples yet.
         """
         found = {}
+        count, known_by = self._lasting
+        lasting = np.sqrt(count / np.where(known_by > 0.0, known_by, 1.0))
         for name, sums in self._sums.items():
             keys = self._structure.keys[name]
             if sums.stretches <= 2 * len(keys):
                 continue
             known = None if self._prior is None or not believing else self._prior.get(name)
-            value, covariance = sums.solved(self._variance, self._sigma[name], known, keys)
+            value, covariance = sums.solved(self._variance, lasting, self._sigma[name], known, keys)
             found[name] = Solution(keys, value, covariance)
         return found
 
@@ -233,9 +246,9 @@ class RunningModel:
 class _Sums:
     """What least squares needs of the samples of one coefficient.
 
-    Over all samples: information, vector, square, squared slopes by each uncertain variable, effect
-    of scale errors. How uncertain the variables are is taken as it is believed at the end: early
-    on, gusts are not known yet.
+    Over all samples: information, vector, square, squared slopes by each uncertain variable,
+    products of regressors and slopes by each angle, effect of scale errors. How uncertain the
+    variables are is taken as it is believed at the end: early on, gusts are not known yet.
     Over the running stretch: its information and vector. Over complete stretches: products of
     these two, from which the scores' covariance follows for any estimate.
     """
@@ -248,6 +261,7 @@ class _Sums:
         self._square = 0.0
         self._count = 0
         self._slopes = np.zeros((variables, terms, terms))
+        self._pull = np.zeros((len(UNCERTAIN[ANGLES]), terms, terms))
         self._effect = np.zeros((terms, 2))
         self._begun: float | None = None
         self._stretch = np.zeros((terms, terms + 1))
@@ -261,6 +275,7 @@ class _Sums:
             "vector": self._vector,
             "scalars": np.array([self._square, float(self._count), float(self.stretches)]),
             "slopes": self._slopes,
+            "pull": self._pull,
             "effect": self._effect,
             "products": self._products,
         }
@@ -272,7 +287,7 @@ class _Sums:
         self._information, self._vector = new["information"], new["vector"]
         self._square, count, stretches = (float(item) for item in new["scalars"])
         self._count, self.stretches = round(count), round(stretches)
-        self._slopes, self._effect = new["slopes"], new["effect"]
+        self._slopes, self._pull, self._effect = new["slopes"], new["pull"], new["effect"]
         self._products = new["products"]
 
     def add(
@@ -295,6 +310,7 @@ class _Sums:
         self._square += float(weight @ measured**2)
         self._count += time.size
         self._slopes += np.einsum("s,vsi,vsj->vij", weight, slopes, slopes, optimize=True)
+        self._pull += weighted.T @ slopes[ANGLES]
         self._effect += weighted.T @ systematic
         if self._begun is None:
             self._begun = float(time[0])
@@ -308,6 +324,7 @@ class _Sums:
     def solved(
         self,
         variance: Float[np.ndarray, " variable"],
+        lasting: Float[np.ndarray, " angle"],
         systematic_sigma: Float[np.ndarray, " two"],
         prior: Prior | None,
         keys: tuple[str, ...],
@@ -322,6 +339,7 @@ class _Sums:
         scores = np.einsum("iajb,a,b->ij", self._products, along, along, optimize=True)
         corrected = scores * self.stretches / (self.stretches - len(keys))
         effect = inverse @ self._effect * systematic_sigma
+        turned = inverse @ (self._pull @ value).T * lasting
         left = float(np.sqrt(max(self._square - value @ self._vector, 0.0)))
         error = np.einsum("v,vij->ij", variance, self._slopes)
         bent = equation_error.pull(error, self._information, value, left)
@@ -329,6 +347,7 @@ class _Sums:
             inverse @ corrected @ inverse
             + unseen @ unseen.T
             + effect @ effect.T
+            + turned @ turned.T
             + equation_error.bounded(bent @ bent.T, self._plausible)
         )
         mean, spread, _ = equation_error.with_prior(value, covariance, prior, keys)

@@ -16,7 +16,7 @@ from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.offline import documents
 
 NAME = "live-model.npz"
-SCHEMA = 1
+SCHEMA = 2
 EVERY_S = 5.0
 """A snapshot is taken so often [s]: this much of the model a killed program loses."""
 _SCHEMA, _TIME, _UPDATES, _STRUCTURE = "schema", "time_us", "updates", "structure"

@@ -253,7 +253,7 @@ def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="cannot be read as a snapshot"):
             snapshot.restore(path, model, processes)
-    arrays = {**kept.state(), "schema": np.array(1), "time_us": np.array(1)}
+    arrays = {**kept.state(), "schema": np.array(snapshot.SCHEMA), "time_us": np.array(1)}
     np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
     with pytest.raises(InputError, match="another aircraft file"):
         snapshot.restore(path, model, processes)
