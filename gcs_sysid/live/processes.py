@@ -107,6 +107,7 @@ class Processes:
             if not model.tables
         }
         self._waiting: list[_Raw] = []
+        self._taken = 0
         self._worker: ThreadPoolExecutor | None = None
         self._coming: Future[tuple[Scaling, Learner]] | None = None
         self._known: _Known | None = None
@@ -153,8 +154,9 @@ class Processes:
         self._waiting.append(raw)
         try:
             if self._coming is None and self.count >= FIRST:
+                # They wait on: what is kept on disk meanwhile must hold them.
+                self._taken = len(self._waiting)
                 self._coming = self._thread().submit(_begun, _joined(self._waiting))
-                self._waiting = []
             elif self._coming is not None and self._coming.done():
                 self._begin(*self._coming.result())
         except Exception as error:  # noqa: BLE001 - the flight goes on, and its recording
@@ -236,6 +238,7 @@ class Processes:
             store=Reservoir(STORE, kept),
             counts={FLIGHT: count},
         )
+        _compile(scaling, known)
         self._begin(scaling, known)
 
     def close(self) -> None:
@@ -247,7 +250,7 @@ class Processes:
         self._coming = None
         self._known = _Known(scaling, Refresher(known, SETTINGS, self._thread()))
         self._refreshed_at = known.count
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting = self._waiting[self._taken :], []
         for raw in waiting:
             self._observe(self._known, raw)
 
@@ -293,7 +296,7 @@ class Processes:
             variance.append(window.noise[name][rows] ** 2 + uncertain.sum(axis=0))
             scale = departure.scale_variance(self._aircraft, name, window, rows)
             # Samples weigh by what is known of the flow, and so do its errors in what they say.
-            worth = 1.0 / np.maximum(uncertain[ANGLES].sum(axis=0), 1e-300)
+            worth = 1.0 / np.maximum(uncertain[ANGLES].sum(axis=0), 1e-30)
             self._lasting[:, row] += (np.sum(1.0 + scale * worth), np.sum(worth))
         inputs = np.stack([here[name] for name in self.inputs], axis=1)
         return _Raw(window.time[rows], inputs, np.stack(values, 1), np.stack(variance, 1))
@@ -323,7 +326,7 @@ def document(processes: Processes, here: Values | None) -> dict[str, Any]:
 
 
 def _begun(raw: _Raw) -> tuple[Scaling, Learner]:
-    """What the first samples say; in passing, everything is compiled that a flight will ask."""
+    """What the first samples say."""
     step = float(np.median(np.diff(raw.time)))
     piece = np.concatenate([[0], np.cumsum(np.diff(raw.time) > 1.5 * step)])
     repeats = fitting.repeats(raw.inputs, raw.values, piece, step)
@@ -331,9 +334,15 @@ def _begun(raw: _Raw) -> tuple[Scaling, Learner]:
     rows = _rows(scaling, raw)
     known = learner.start(refresh.based_on(rows, repeats, SETTINGS), capacity=STORE)
     known = learner.observe(known, rows, FLIGHT)
-    learner.observe(known, samples.some_of(rows, np.arange(2)), FLIGHT)
-    _predicted(learner.posterior(known), scaling, raw.inputs[:1])
+    _compile(scaling, known)
     return scaling, known
+
+
+def _compile(scaling: Scaling, known: Learner) -> None:
+    """Runs once what a flight will ask: compiled while it flies, it would hold up the filter."""
+    few = samples.some_of(known.store.rows(), np.arange(2))
+    learner.observe(known, few, FLIGHT)
+    _predicted(learner.posterior(known), scaling, scaling.centre[None])
 
 
 def _predicted(

@@ -187,7 +187,7 @@ class RunningModel:
         self._slopes = slopes[:, kept]
         self._variance = self._newest.mean(axis=1)
         # Samples count by what is known of the flow, and so do its errors in what they say.
-        known = 1.0 / np.maximum(self._newest[ANGLES], 1e-300)
+        known = 1.0 / np.maximum(self._newest[ANGLES], 1e-30)
         self._lasting += (np.full(len(known), known.shape[1]), known.sum(axis=1))
         for name, measured in samples.measured.items():
             place = self._structure.place[name]

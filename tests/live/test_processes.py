@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -166,6 +167,32 @@ def test_they_go_on_as_they_were_kept(aircraft: Aircraft, count: int) -> None:
         for name in COEFFICIENTS:
             np.testing.assert_allclose(after.value[name], before.value[name], atol=1e-9)
             np.testing.assert_allclose(after.deviation[name], before.deviation[name], rtol=1e-6)
+
+
+def test_what_a_learning_takes_is_kept_until_it_has_ended(
+    aircraft: Aircraft, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed meanwhile, the samples of the first minute would be gone."""
+    held = threading.Event()
+    learn = refresh.based_on
+
+    def slow(*given: object) -> object:
+        held.wait(ENOUGH_S)
+        return learn(*given)
+
+    monkeypatch.setattr(refresh, "based_on", slow)
+    found = Processes(aircraft, believing=False)
+    for window, variance in windows(aircraft, 60):
+        found.take(window, KEPT, variance)
+    assert found.phase == "learning"
+    again = Processes(aircraft, believing=False)
+    again.restore(found.state())
+    assert again.count == found.count == 60 * ROWS // processes.EVERY
+    held.set()
+    found._coming.result(ENOUGH_S)
+    assert taught(found, aircraft, 1).count == 61 * ROWS // processes.EVERY
+    assert found.phase == "known"
+    found.close()
 
 
 def test_what_does_not_fit_is_refused(known: Processes, aircraft: Aircraft) -> None:
