@@ -366,6 +366,8 @@ def main() -> None:
     print(f"{len(results) - len(ended)} of {len(results)} searches found no end: no number")
     name = f"filter_error_{asked.told}" + ("_vanes" if asked.vanes else "")
     words = f"{len(ended)} own flights" + (" with vanes" if asked.vanes else "")
+    if len(ended) < len(results):
+        words += f" ({len(results) - len(ended)} of {len(results)} searches found no end)"
     shown(name, f"{words}, aerodynamics {asked.told}", ended)
 
 

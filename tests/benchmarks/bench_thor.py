@@ -73,9 +73,9 @@ def main() -> None:
     told = sum(row[-1] != "not told" for row in rows)
     table.show(
         f"thor_{asked.method}",
-        f"UMN Thor, a real flight, `identify --prior none --method {asked.method}` "
-        f"({summary['reconstruction']['method'] if 'method' in summary['reconstruction'] else ''}"
-        f"{told} of {len(rows)} told), beside both published models",
+        f"UMN Thor, a real flight, `identify --prior none --method {asked.method}`, answered by "
+        f"{summary['method']['name'].replace('_', ' ')}: {told} of {len(rows)} derivatives told, "
+        "beside both published models",
         ("derivative", "found ± 95 %", "wind tunnel", "VSPAERO", "the flight"),
         rows,
         headline=False,
