@@ -196,6 +196,8 @@ def _resumed(recorder: Recorder, station: Station, out: Path) -> str:
     if not path.exists():
         return f"{words}; there is no snapshot of the model, it begins anew"
     restored = snapshot.restore(path, station.model, station.processes)
+    if not restored.processes:
+        words += "; the Gaussian processes begin anew"
     if found.last_us is None:
         return f"{words}; the model goes on from its snapshot"
     behind = max(found.last_us - restored.time_us, 0) * 1e-6

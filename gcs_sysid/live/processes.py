@@ -182,9 +182,9 @@ class Processes:
     def state(self) -> dict[str, np.ndarray]:
         """Everything learned so far, as arrays by name."""
         if self._known is None:
-            out = {}
-            if self._waiting:
-                out = {**_joined(self._waiting)._asdict(), "lasting": self._lasting}
+            if not self._waiting:
+                return {}
+            out = _joined(self._waiting)._asdict()
         else:
             known = self._known.held.learner
             out = {
@@ -196,20 +196,33 @@ class Processes:
                 "base.noise": known.base.noise,
                 "base.repeats": known.base.repeats,
                 "count": np.array(known.count),
-                "lasting": self._lasting,
             }
+        out |= {"lasting": self._lasting, "beyond": np.array(self._beyond)}
         return {f"{PREFIX}{name}": np.asarray(part) for name, part in out.items()}
 
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Goes on from the `state` of one for the same aircraft; without one begins anew.
+    @property
+    def _beyond(self) -> str:
+        """What the samples are told beyond, as text."""
+        return "; ".join(
+            f"{name} {parsed.key} {value!r}"
+            for name, terms in self._mean.items()
+            for parsed, value in terms
+        )
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> bool:
+        """Goes on from the `state` of one for the same aircraft.
+
+        Returns:
+            Whether it does: without a state, or with one that was learned beyond another
+            simulation, it begins anew.
 
         Raises:
             KeyError: something is missing.
             ValueError: something does not fit, or is not finite.
         """
         own = {key[len(PREFIX) :]: part for key, part in state.items() if key.startswith(PREFIX)}
-        if not own:
-            return
+        if not own or str(own["beyond"]) != self._beyond:
+            return False
         _check(own["lasting"].shape == self._lasting.shape, np.isfinite(own["lasting"]).all())
         self._lasting = own["lasting"]
         if "count" not in own:
@@ -218,7 +231,7 @@ class Processes:
             _check(raw.values.shape == raw.variance.shape == (raw.time.size, len(COEFFICIENTS)))
             _check(np.isfinite(raw.inputs).all(), np.isfinite(raw.time).all())
             self._waiting = [raw]
-            return
+            return True
         scaling = Scaling(*(own[name] for name in Scaling._fields))
         total = Information(*(own[name] for name in Information._fields))
         kept = Kept(*(own[f"kept.{name}"] for name in Kept._fields))
@@ -240,6 +253,7 @@ class Processes:
         )
         _compile(scaling, known)
         self._begin(scaling, known)
+        return True
 
     def close(self) -> None:
         """Ends the learning thread; what it had begun is not waited for."""

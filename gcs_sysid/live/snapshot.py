@@ -24,10 +24,17 @@ _SCHEMA, _TIME, _UPDATES, _STRUCTURE = "schema", "time_us", "updates", "structur
 
 @dataclass(frozen=True)
 class Restored:
-    """What a snapshot held: when it was taken [µs since 1970], after how many updates."""
+    """What a snapshot held.
+
+    Attributes:
+        time_us: when it was taken [µs since 1970].
+        updates: after how many.
+        processes: whether the processes go on too.
+    """
 
     time_us: int
     updates: int
+    processes: bool
 
 
 def save(
@@ -71,8 +78,8 @@ def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:
         )
     try:
         model.restore(arrays)
-        processes.restore(arrays)
-        return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]))
+        gone_on = processes.restore(arrays)
+        return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]), gone_on)
     except (KeyError, TypeError, ValueError) as error:
         raise _damaged(path, error) from error
 

@@ -235,7 +235,7 @@ def test_the_model_goes_on_as_it_was_kept(
     again = RunningModel(aircraft, compiled.regressors, None)
     assert again.estimates() == {}
     processes = Processes(aircraft, believing=False)
-    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77)
+    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77, True)
     assert processes.count == listened.station.processes.count > 0
     assert kept.estimates()
     assert again.estimates() == kept.estimates()

@@ -155,8 +155,12 @@ def test_they_go_on_as_they_were_kept(aircraft: Aircraft, count: int) -> None:
     """Before the first learning the samples are kept, after it what they taught."""
     first = taught(Processes(aircraft, believing=False), aircraft, count)
     again = Processes(aircraft, believing=False)
-    again.restore(first.state())
+    assert again.restore(first.state())
     assert (again.phase, again.count) == (first.phase, first.count)
+    # What was learned beyond nothing says nothing beyond the file's simulation.
+    other = Processes(aircraft, believing=True)
+    assert not other.restore(first.state())
+    assert (other.phase, other.count) == ("collecting", 0)
     values = flow(aircraft, np.random.default_rng(9), 8)
     for one in (first, again):
         one.close()
