@@ -30,12 +30,12 @@ def small_problem() -> tuple[Example, list[State]]:
             if not name.endswith("_time")
         }
     )
-    move, look, _, _ = _compiled()
+    move, look, _ = _compiled()
     covariance = jnp.asarray(SMALL**2 * flight.covariance)
     state, nominal, measured = flight.state, [], []
     for index in range(STEPS):
         now = row(flight.inputs, index)
-        state, _ = move(state, now.before, now.after, now.step, noise)
+        state, _, _ = move(state, now.before, now.after, now.step, noise)
         nominal.append(state)
         residual, *_ = look(state, covariance, now.after, now.measured, flight.levers, noise)
         off = SMALL * np.asarray(flight.noise.measured) * rng.standard_normal(9) - residual
@@ -64,15 +64,14 @@ def dense(problem: Example, nominal: list[State]) -> tuple[np.ndarray, np.ndarra
 
     The joint covariance of the whole trajectory is written down, no recursion over measurements.
     """
-    move, look, spread, _ = _compiled()
+    move, look, _ = _compiled()
     before, prior = problem.state, problem.covariance
     covariances, jumps, observed, seen, variances = [], [], [], [], []
     for index in range(STEPS):
         now = row(problem.inputs, index)
-        _, jump = move(before, now.before, now.after, now.step, problem.noise)
+        _, jump, drift = move(before, now.before, now.after, now.step, problem.noise)
         jumps.append(np.asarray(jump))
-        drift = np.diag(np.asarray(spread(now.step, problem.noise)))
-        prior = jumps[-1] @ prior @ jumps[-1].T + drift
+        prior = jumps[-1] @ prior @ jumps[-1].T + np.asarray(drift)
         covariances.append(prior)
         before = nominal[index]
         residual, jacobian, variance, _ = look(
