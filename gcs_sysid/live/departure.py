@@ -8,15 +8,14 @@ measurement, as if a window were one sample, the file's own uncertainty, and tha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid import regressors
-from gcs_sysid.aircraft import MOMENTS, Aircraft, CoefficientModel
+from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.live.simulation import Simulation
 
 BEGIN, END = 3.0, 2.0
 """Standard deviations from which a departure begins, and below which it is over."""
@@ -59,29 +58,20 @@ class Departures:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        self._models = {
-            name: model
-            for name, model in aircraft.aerodynamics.items()
-            if model.terms and not model.tables
-        }
-        self._parsed = {
-            key: regressors.parse(key, controls=aircraft.control_names)
-            for model in self._models.values()
-            for key in model.terms
-        }
-        self._watched = {name: _Watched() for name in self._models}
+        self._simulation = Simulation(aircraft)
+        self._watched = {name: _Watched() for name in self._simulation.names}
 
     def take(self, samples: Samples, kept: slice) -> None:
         """Looks at the rows `kept` of a window."""
         values = {name: value[kept] for name, value in samples.regressors.items()}
-        for name, model in self._models.items():
+        for name in self._simulation.names:
             if name not in samples.measured:
                 continue
-            simulated, own = self._simulated(model, values)
+            simulated, own = self._simulation.at(name, values)
             variance = own + samples.noise[name][kept] ** 2
             for variable, unsure in samples.regressor_variance.items():
                 moved = {**values, variable: values[variable] + np.sqrt(unsure[kept])}
-                variance = variance + (self._simulated(model, moved)[0] - simulated) ** 2
+                variance = variance + (self._simulation.at(name, moved)[0] - simulated) ** 2
             variance = variance + scale_variance(self._aircraft, name, samples, kept)
             size = float(np.mean(samples.measured[name][kept] - simulated))
             away = size / float(np.sqrt(np.mean(variance)))
@@ -98,17 +88,6 @@ class Departures:
     def lately(self, time: float) -> bool:
         """Whether something departs, or did within `LATELY_S` before a time [s after the epoch]."""
         return any(time - one.departed <= LATELY_S for one in self._watched.values())
-
-    def _simulated(
-        self, model: CoefficientModel, values: Mapping[str, Float[np.ndarray, " sample"]]
-    ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
-        """The file's coefficient, and its variance."""
-        value = variance = np.zeros_like(next(iter(values.values())))
-        for key, term in model.terms.items():
-            column = np.asarray(regressors.evaluate(self._parsed[key], values))
-            value = value + term.value * column
-            variance = variance + (term.sigma * column) ** 2
-        return value, variance
 
 
 def scale_variance(

@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid import regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.stepwise import MOTION
@@ -38,6 +37,7 @@ from gcs_sysid.gp.reservoir import Kept, Reservoir
 from gcs_sysid.gp.samples import Scaling
 from gcs_sysid.live import departure
 from gcs_sysid.live.regression import ANGLES
+from gcs_sysid.live.simulation import Simulation, Values
 
 EVERY = 8
 """One of so many rows is learned from: six a second at 50 Hz. Those between say the same."""
@@ -52,7 +52,6 @@ PATIENT = 10
 """By how much the learning thread steps back for others, as `nice` counts it."""
 FLIGHT = 0
 PREFIX = "processes."
-Values = Mapping[str, Float[np.ndarray, " place"]]
 
 
 @dataclass(frozen=True)
@@ -97,15 +96,7 @@ class Processes:
     def __init__(self, aircraft: Aircraft, *, believing: bool) -> None:
         self._aircraft = aircraft
         self.inputs = (*MOTION, *aircraft.control_names)
-        models = aircraft.aerodynamics if believing else {}
-        self._mean = {
-            name: [
-                (regressors.parse(key, controls=aircraft.control_names), term.value)
-                for key, term in model.terms.items()
-            ]
-            for name, model in models.items()
-            if not model.tables
-        }
+        self._mean = Simulation(aircraft) if believing else None
         self._waiting: list[_Raw] = []
         self._taken = 0
         self._worker: ThreadPoolExecutor | None = None
@@ -203,11 +194,7 @@ class Processes:
     @property
     def _beyond(self) -> str:
         """What the samples are told beyond, as text."""
-        return "; ".join(
-            f"{name} {parsed.key} {value!r}"
-            for name, terms in self._mean.items()
-            for parsed, value in terms
-        )
+        return "" if self._mean is None else self._mean.text()
 
     def restore(self, state: Mapping[str, np.ndarray]) -> bool:
         """Goes on from the `state` of one for the same aircraft.
@@ -317,9 +304,9 @@ class Processes:
 
     def _simulated(self, values: Values) -> Float[np.ndarray, "place six"]:
         out = np.zeros((len(next(iter(values.values()))), len(COEFFICIENTS)))
-        for row, name in enumerate(COEFFICIENTS):
-            for parsed, value in self._mean.get(name, ()):
-                out[:, row] += value * regressors.evaluate(parsed, values)
+        if self._mean is not None:
+            for name in self._mean.names:
+                out[:, COEFFICIENTS.index(name)] = self._mean.at(name, values)[0]
         return out
 
 
