@@ -53,13 +53,15 @@ def main() -> None:
         costs.append((words, *cost, station.processes.count))
         found = [_processes(station, part) for part in _parts(other)]
         learned = {
-            name: tuple(np.concatenate([one[kind][name] for one in found]) for kind in (0, 1))
+            name: tuple(np.concatenate([one[kind][name] for one in found]) for kind in range(3))
             for name in COEFFICIENTS
         }
         first = _first_model(station, other)
         for name in COEFFICIENTS:
             cells = [words, name]
-            for value, deviation in (learned[name], first[name]):
+            value, _, lack = learned[name]
+            alone = np.mean(np.abs(value - true[name]) < Z95 * lack)
+            for value, deviation in (learned[name][:2], first[name]):
                 off, spread = value - true[name], np.std(true[name])
                 hold = np.mean(np.abs(off) < Z95 * deviation)
                 cells += [
@@ -67,13 +69,14 @@ def main() -> None:
                     f"{100 * np.mean(off) / spread:+.1f}",
                 ]
                 cells += [f"{100 * np.median(deviation) / spread:.1f}", f"{100 * hold:.0f} %"]
-            rows.append(tuple(cells))
+            rows.append((*cells, f"{100 * alone:.0f} %"))
     table.show(
         "live_processes",
         "Taught by one flight live, asked at another's flow: error (without and of its mean), one "
         "stated deviation in % of the coefficient's spread, and 95 % intervals that hold; of "
-        "Gaussian processes, then of the first model",
-        ("mean", "", *("error", "mean", "sd", "hold") * 2),
+        "Gaussian processes, then of the first model; last those of the processes that hold where "
+        "errors of flow and file are not counted as lasting",
+        ("mean", "", *("error", "mean", "sd", "hold") * 2, "alone"),
         rows,
     )
     table.show(
@@ -136,10 +139,10 @@ def _parts(values: Values) -> list[Values]:
     ]
 
 
-def _processes(station: Station, values: Values) -> tuple[Values, Values]:
+def _processes(station: Station, values: Values) -> tuple[Values, Values, Values]:
     found = station.processes.at(values)
     assert found is not None, station.processes.phase
-    return dict(found.value), dict(found.deviation)
+    return dict(found.value), dict(found.deviation), dict(found.lack)
 
 
 def _first_model(station: Station, values: Values) -> dict[str, tuple[np.ndarray, np.ndarray]]:
