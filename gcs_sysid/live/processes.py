@@ -35,7 +35,7 @@ from gcs_sysid.gp.posterior import Posterior
 from gcs_sysid.gp.refresh import Refresher, Settings
 from gcs_sysid.gp.reservoir import Kept, Reservoir
 from gcs_sysid.gp.samples import Scaling
-from gcs_sysid.live import departure
+from gcs_sysid.live import departure, heap
 from gcs_sysid.live.regression import ANGLES
 from gcs_sysid.live.simulation import Simulation, Values
 
@@ -250,14 +250,19 @@ class Processes:
     def _begin(self, scaling: Scaling, known: Learner) -> None:
         self._coming = None
         self._known = _Known(scaling, Refresher(known, SETTINGS, self._thread()))
+        self._thread().submit(heap.give_back)
         self._refreshed_at = known.count
         waiting, self._waiting = self._waiting[self._taken :], []
         for raw in waiting:
             self._observe(self._known, raw)
 
     def _observe(self, known: _Known, raw: _Raw) -> None:
+        base = known.held.learner.base
         try:
             known.held.observe(_rows(known.scaling, raw), FLIGHT)
+            if known.held.learner.base is not base:
+                # Another one was learned, and what that took is free.
+                self._thread().submit(heap.give_back)
             if known.held.learner.count >= 2 * self._refreshed_at:
                 self._refreshed_at = known.held.learner.count
                 known.held.begin()

@@ -238,3 +238,22 @@ def test_memory_does_not_grow_and_kernel_and_points_are_learned_anew(
     assert after.count == 120 * ROWS // processes.EVERY
     assert after.store.kept.drawn.size == 200
     assert found._waiting == []
+
+
+def test_what_a_learning_took_is_given_back(
+    aircraft: Aircraft, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the first, and after each that follows."""
+    given: list[int] = []
+    monkeypatch.setattr(processes.heap, "give_back", lambda: given.append(1))
+    found = taught(Processes(aircraft, believing=False), aircraft, 50)
+    assert found.phase == "known"
+    until = time.monotonic() + ENOUGH_S
+    for window, variance in windows(aircraft, 600):
+        found.take(window, KEPT, variance)
+        if len(given) == 2:
+            break
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    found.close()
+    assert len(given) == 2
