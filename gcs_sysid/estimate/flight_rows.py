@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.reconstruct.aided_smoother import Beginning
@@ -39,34 +40,50 @@ LONGEST = 12000
 """Rows of a flight that are fitted at most: four minutes at 50 Hz."""
 
 
-def busiest(
-    flight: Flight, counts: Bool[np.ndarray, " row"], longest: int = LONGEST
-) -> tuple[Flight, Bool[np.ndarray, " stretch"]]:
-    """The stretch of a flight with the most control, and its part of what is known of every row.
+Stretch = tuple[Flight, Bool[np.ndarray, " stretch"]]
+"""A part of a flight, and which of its rows take part."""
+
+
+def busiest(flight: Flight, counts: Bool[np.ndarray, " row"], longest: int = LONGEST) -> Stretch:
+    """The stretch of a flight with the most control.
 
     Args:
         flight: itself the answer where it is no longer than that.
         counts: which rows take part.
         longest: rows of the stretch.
     """
+    return next(busy(flight, counts, longest))
+
+
+def busy(flight: Flight, counts: Bool[np.ndarray, " row"], longest: int) -> Iterator[Stretch]:
+    """Stretches of a flight, no two with more than half in common; the most control comes first.
+
+    Args:
+        flight: itself the only one where it is no longer than that.
+        counts: which rows take part.
+        longest: rows of a stretch.
+    """
     if flight.rows.step.shape[0] <= longest:
-        return flight, counts
-    rows = _liveliest(flight, longest)
-    return _cut(flight, rows), counts[rows]
+        yield flight, counts
+        return
+    worth = _liveliness(flight, longest)
+    while np.isfinite(worth).any():
+        start = int(np.argmax(worth))
+        yield _cut(flight, slice(start, start + longest)), counts[start : start + longest]
+        worth[max(start - longest // 2, 0) : start + longest // 2] = -np.inf
 
 
-def _liveliest(flight: Flight, count: int) -> slice:
-    """Where the controls of a flight move most for `count` rows, fewer than it has.
+def _liveliness(flight: Flight, count: int) -> Float[np.ndarray, " start"]:
+    """How much the controls of a flight move in `count` rows, fewer than it has, from each row on.
 
-    The one with the greatest product of the controls' shares of movement, so that none is left out.
+    The logarithm of the product of the controls' shares of movement, so that none is left out.
     """
     moved = np.diff(np.asarray(flight.rows.controls)[:, 0], axis=0, prepend=0.0) ** 2
     moved[0] = 0.0
     moved = np.where(np.asarray(flight.rows.modelled)[:, None], moved, 0.0)
     sums = np.cumsum(np.concatenate([np.zeros((1, moved.shape[1])), moved]), axis=0)
     share = (sums[count:] - sums[:-count]) / np.maximum(sums[-1], 1e-12)
-    start = int(np.argmax(np.sum(np.log(np.maximum(share, 1e-6)), axis=1)))
-    return slice(start, start + count)
+    return np.sum(np.log(np.maximum(share, 1e-6)), axis=1)
 
 
 def _cut(flight: Flight, rows: slice) -> Flight:

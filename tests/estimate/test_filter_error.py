@@ -13,12 +13,15 @@ from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.estimate import filter_error, in_common, intensities, settling
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
-from gcs_sysid.estimate.settling import Beliefs
+from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model import departures
 from gcs_sysid.reconstruct import aided_smoother
+from gcs_sysid.reconstruct.causal import Pass, Path, Told
+from gcs_sysid.reconstruct.linear_filter import Belief
 from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
@@ -75,6 +78,40 @@ def test_the_lag_of_the_airspeed_is_found(found) -> None:
     sure, lag = found.deviation.means.sensors.airspeed_lag, found.unknowns.means.sensors
     assert float(sure) < 0.08
     assert float(lag.airspeed_lag) == pytest.approx(0.2, abs=3.0 * float(sure))
+
+
+def test_a_search_without_rest_begins_on_another_stretch(monkeypatch) -> None:
+    """And where none finds rest, goes on from the one that had least to gain."""
+    flight, every = made.made_flight(), np.ones(made.COUNT, dtype=bool)
+    mean = np.asarray(ravel_pytree(FIRST.means)[0])
+    beliefs = Beliefs(
+        mean, np.zeros((mean.size, mean.size)), Prior(FIRST.log_noise, FIRST.log_noise)
+    )
+    told = Told(np.zeros((1, 1)), np.zeros(1), 0.0)
+    path = Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1))))
+    nothing = Pass(told, told, path, np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1)))
+    begun: list[Flight] = []
+
+    def ended(left: list[float]) -> Settled:
+        def settle(model, part, *rest, **how) -> Settled:
+            begun.append(part)
+            gain = left[len(begun) - 1]
+            return Settled(
+                np.zeros(1), FIRST.log_noise, nothing, every, (0.0,), ended=gain < 1.0, left=gain
+            )
+
+        begun.clear()
+        monkeypatch.setattr(settling, "settle", settle)
+        given = (made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
+        return filter_error._begun(*given)[0]
+
+    assert ended([0.5]).left == 0.5
+    assert len(begun) == 1
+    assert ended([4e4, 0.5]).left == 0.5
+    assert len(begun) == 2
+    # Not at its end, but nearly: finer steps follow.
+    assert ended([30.0]).left == 30.0
+    assert ended([4e4, 7e3]).left == 7e3
 
 
 def test_what_no_row_tells_is_infinite() -> None:
