@@ -33,6 +33,8 @@ from gcs_sysid.reconstruct.linear_filter import Belief
 
 BEGINNINGS = 3
 """Stretches on which a search begins, one after the other, until it finds rest."""
+ASTRAY = 10.0
+"""A search on a stretch that is still to move a derivative by so many deviations began wrong."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 
@@ -98,8 +100,7 @@ def fit(
     """
     done, whole = None, False
     if stretch is None:
-        begun, whole = _begun(model, flight, first, beliefs, counts, progress)
-        done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        done, whole = _begun(model, flight, first, beliefs, counts, progress)
         first, stretch = done.unknowns, done.curvature
     if done is None or not whole:
         begun = settling.rested(model, flight, first, beliefs, counts)
@@ -133,21 +134,32 @@ def _begun(
     beliefs: Beliefs,
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
-) -> tuple[Settled, bool]:
-    """A stretch of a flight near what it says, and whether that is all of the flight.
+) -> tuple[Scored, bool]:
+    """Where the steps ended on a stretch of a flight, and whether that is all of the flight.
 
-    On one flight in ten (those of `tests/benchmarks/bench_filter_error.py`) the turns run into
-    setbacks on the stretch with the most control. Another has other gusts, and another way there.
+    On two of twenty flights (those of `tests/benchmarks/bench_filter_error.py`) the turns run into
+    setbacks on the stretch with the most control, and from where they stand the steps lead nowhere.
+    Another stretch has other gusts, and another way there.
     """
-    tried = []
+    best: tuple[Scored, bool] | None = None
+    settled: list[tuple[Settled, bool]] = []
     for part, taken in islice(flight_rows.busy(flight, counts, settling.STRETCH), BEGINNINGS):
-        if tried:
+        if settled:
             progress("no end there: begun anew on another stretch of the flight")
         begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
-        tried.append((begun, part is flight))
-        if not begun.restless:
-            return tried[-1]
-    return min(tried, key=lambda each: each[0].left)
+        settled.append((begun, part is flight))
+        if begun.restless:
+            continue
+        done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        if best is None or done.moving < best[0].moving:
+            best = done, part is flight
+        if done.ended or done.moving < ASTRAY:
+            break
+    if best is None:
+        # The one with the least to gain, for want of a better.
+        begun, whole = min(settled, key=lambda each: each[0].left)
+        best = scoring.climbed(model, first.means, begun, beliefs, progress), whole
+    return best
 
 
 def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:

@@ -6,7 +6,8 @@ long, so run it apart. Results of flights that were fitted before are kept in `-
 
 `--told` is what the estimator is told of the aircraft: nothing of its aerodynamics; all of them
 30 % too large or too small, each by lot, and so uncertain; or nothing, and a mass and inertias that
-are wrong as well. Of these only C/m and C/I can be seen: what is scored is C times true/assumed.
+are wrong as well, and said to be: they are found with the rest. What a flight sees is C/m and C/I:
+what is scored is C times true/found, and how far mass and inertias are off is told apart.
 With `--vanes` the aircraft has flow vanes.
 """
 
@@ -30,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 from gcs_sysid import aircraft_file, regressors  # noqa: E402 - found from ROOT
 from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS, Aircraft  # noqa: E402
 from gcs_sysid.cli import numerics  # noqa: E402
-from gcs_sysid.estimate import basis  # noqa: E402
+from gcs_sysid.estimate import basis, in_common  # noqa: E402
 from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
 from gcs_sysid.estimate.result import Prior  # noqa: E402
 from gcs_sysid.offline import aided_fit, flight, maneuver_choice  # noqa: E402
@@ -48,6 +49,10 @@ Z95 = 1.96
 WRONG = 0.3
 COARSE_MASS, COARSE_INERTIA = 1.08, 0.8
 """Assumed over true."""
+COARSE_SIGMA = (0.1, 0.25)
+"""One deviation of both, as the coarse file says, relative."""
+PARTS = dict.fromkeys(FORCES, "mass") | dict(zip(MOMENTS, ("Ixx", "Iyy", "Izz"), strict=True))
+"""What each coefficient is seen over."""
 VANES = """
 [vanes]
 position = [0.9, 0.0, 0.0]
@@ -56,27 +61,74 @@ Columns = dict[str, np.ndarray]
 
 
 class Told(NamedTuple):
-    """What the estimator is told: file and prior, and by what coefficients will be too large."""
+    """What the estimator is told: file and prior, and what it is to find itself.
+
+    Attributes:
+        aircraft: its file.
+        prior: beliefs about its derivatives.
+        body: whether mass and inertias are to be found.
+    """
 
     aircraft: Aircraft
     prior: Mapping[str, Prior] | None
-    factor: Mapping[str, float]
+    body: bool = False
+
+
+class Found(NamedTuple):
+    """Derivatives found, each over what it is seen over where that is not known.
+
+    Attributes:
+        keys: coefficient and regressor of each.
+        value: of each.
+        covariance: of them.
+        bound: Cramér–Rao of the same; NaN where it is not known.
+        body: by part of the body: found over true, and one deviation.
+    """
+
+    keys: list[tuple[str, str]]
+    value: np.ndarray
+    covariance: np.ndarray
+    bound: np.ndarray
+    body: dict[str, list[float]]
+
+
+def found_by(fit: Fit, *, body: bool) -> Found:
+    """What a fit found."""
+    values, count = in_common.values(fit.unknowns.means), fit.bound.shape[0]
+    keys = list(fit.keys[:count])
+    if not body:
+        return Found(keys, values, fit.covariance, fit.bound, {})
+    jacobian, scaled = np.zeros((count, values.size)), np.zeros(count)
+    for row, (name, _) in enumerate(keys):
+        part = fit.keys.index((in_common.BODY, PARTS[name]))
+        assumed = COARSE_MASS if name in FORCES else COARSE_INERTIA
+        over = assumed * (1.0 + values[part])
+        scaled[row], jacobian[row, row] = values[row] / over, 1.0 / over
+        jacobian[row, part] = -values[row] * assumed / over**2
+    sizes = np.sqrt(np.diagonal(fit.covariance))
+    told_of = {}
+    for part in dict.fromkeys(PARTS.values()):
+        assumed = COARSE_MASS if part == "mass" else COARSE_INERTIA
+        place = fit.keys.index((in_common.BODY, part))
+        told_of[part] = [assumed * (1.0 + values[place]), assumed * sizes[place]]
+    covariance = jacobian @ fit.covariance @ jacobian.T
+    return Found(keys, scaled, covariance, np.full_like(fit.bound, np.nan), told_of)
 
 
 def told(kind: str, aircraft: Aircraft, seed: int) -> Told:
     """The description of a kind; see above."""
-    one = dict.fromkeys(COEFFICIENTS, 1.0)
     if kind == "ignored":
-        return Told(aircraft, None, one)
+        return Told(aircraft, None)
     if kind == "coarse":
         mass, inertias = aircraft.mass, ("Ixx", "Iyy", "Izz", "Ixz", "Ixy", "Iyz")
         coarse = replace(
             mass,
             mass=COARSE_MASS * mass.mass,
+            mass_sigma=COARSE_SIGMA[0],
+            inertia_sigma=COARSE_SIGMA[1],
             **{name: COARSE_INERTIA * getattr(mass, name) for name in inertias},
         )
-        factor = dict.fromkeys(FORCES, COARSE_MASS) | dict.fromkeys(MOMENTS, COARSE_INERTIA)
-        return Told(replace(aircraft, mass=coarse), None, factor)
+        return Told(replace(aircraft, mass=coarse), None, body=True)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=200).tolist()
     prior = {
         name: Prior(
@@ -85,7 +137,7 @@ def told(kind: str, aircraft: Aircraft, seed: int) -> Told:
         )
         for name, item in file_prior(aircraft).items()
     }
-    return Told(aircraft, prior, one)
+    return Told(aircraft, prior)
 
 
 def known(folder: Path) -> Columns:
@@ -124,34 +176,30 @@ def true_flow(aircraft: Aircraft, true: Columns) -> Columns:
     }
 
 
-def model_errors(
-    aircraft: Aircraft, fit: Fit, factor: Mapping[str, float], true: Columns
-) -> dict[str, dict[str, float]]:
+def model_errors(aircraft: Aircraft, found: Found, true: Columns) -> dict[str, dict[str, float]]:
     """100·std(model − true)/std(true) on another flight, and what the bound leaves of it.
 
     Args:
         aircraft: with its true aerodynamics.
-        fit: derivatives found.
-        factor: by which those of each coefficient are too large for the mass they were told.
+        found: derivatives.
         true: columns of the other flight.
     """
     flow, out = true_flow(aircraft, true), {}
     for name in COEFFICIENTS:
-        rows = [index for index, key in enumerate(fit.keys) if key[0] == name]
-        keys = tuple(fit.keys[index][1] for index in rows)
-        values = fit.unknowns.means.aerodynamics[name]
+        rows = [index for index, key in enumerate(found.keys) if key[0] == name]
+        keys = tuple(found.keys[index][1] for index in rows)
         columns = basis.columns(keys, aircraft.control_names, flow)
         terms = aircraft.aerodynamics[name].terms
-        found = columns @ np.array([float(values[key]) for key in keys]) / factor[name]
+        modelled = columns @ found.value[rows]
         flew = basis.columns(tuple(terms), aircraft.control_names, flow) @ np.array(
             [item.value for item in terms.values()]
         )
         spread = float(np.std(flew))
-        bound = fit.bound[np.ix_(rows, rows)] / factor[name] ** 2
+        bound = found.bound[np.ix_(rows, rows)]
         least = np.trace(np.cov(columns.T, bias=True).reshape(len(rows), -1) @ bound)
         out[name] = {
-            "error": 100.0 * float(np.std(found - flew)) / spread,
-            "mean": 100.0 * float(np.mean(found - flew)) / spread,
+            "error": 100.0 * float(np.std(modelled - flew)) / spread,
+            "mean": 100.0 * float(np.mean(modelled - flew)) / spread,
             "bound": 100.0 * float(np.sqrt(least)) / spread,
         }
     return out
@@ -172,29 +220,33 @@ def scored(
     )
     structure = regressors.default_structure(aircraft)
     begun = clock.perf_counter()
-    found = aided_fit.identify(
-        [one], known_of.aircraft, structure, known_of.prior, (), lambda *_: None
+    known_by = aided_fit.identify(
+        *([one], known_of.aircraft, structure, known_of.prior, (), lambda *_: None),
+        body=known_of.body,
     )
     seconds = clock.perf_counter() - begun
-    fit = found.fits[0]
-    values, sizes = fit.unknowns.means.aerodynamics, np.sqrt(np.diagonal(fit.covariance))
+    fit = known_by.fits[0]
+    found = found_by(fit, body=known_of.body)
     derivatives = {}
-    for (name, key), size, least in zip(
-        fit.keys, sizes, np.sqrt(np.diagonal(fit.bound)), strict=True
+    for (name, key), value, size, least in zip(
+        found.keys,
+        found.value.tolist(),
+        np.sqrt(np.diagonal(found.covariance)).tolist(),
+        np.sqrt(np.diagonal(found.bound)).tolist(),
+        strict=True,
     ):
         item = aircraft.aerodynamics[name].terms.get(key)
         flew = item.value if item is not None else 0.0
-        scale = 1.0 / known_of.factor[name]
-        each = (scale * float(values[name][key]), scale * float(size), flew, scale * float(least))
-        derivatives[f"{name}_{key}"] = list(each)
+        derivatives[f"{name}_{key}"] = [value, size, flew, least]
     return {
         "seed": seed,
         "seconds": seconds,
         "converged": fit.converged,
-        "flow": flow_errors(found.flights[0], known(folder)),
-        "coefficients": model_errors(aircraft, fit, known_of.factor, known(other)),
+        "flow": flow_errors(known_by.flights[0], known(folder)),
+        "coefficients": model_errors(aircraft, found, known(other)),
         "derivatives": derivatives,
         "turning": turning(aircraft, fit),
+        "body": found.body,
     }
 
 
@@ -215,13 +267,13 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
     for coefficient in COEFFICIENTS:
         each = [result["coefficients"][coefficient] for result in results]
         error, bound = (np.mean([item[key] for item in each]) for key in ("error", "bound"))
-        rows.append((coefficient, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
+        rows.append((coefficient, f"{error:.1f}", _known(bound), _known(error / bound)))
     for words, names in (("forces", FORCES), ("moments", MOMENTS)):
         error, bound = (
             np.mean([r["coefficients"][c][key] for r in results for c in names])
             for key in ("error", "bound")
         )
-        rows.append((words, f"{error:.1f}", f"{bound:.1f}", f"{error / bound:.1f}"))
+        rows.append((words, f"{error:.1f}", _known(bound), _known(error / bound)))
     table.show(
         f"{name}_models",
         f"{title}: error on another flight in % of the spread, beside the Cramér–Rao bound",
@@ -293,11 +345,31 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
                 f"{z.mean():+.2f}",
                 f"{z.std():.2f}",
                 f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %",
-                f"{wider(key):.2f}",
+                _known(wider(key), 2),
             )
             for key, z in off.items()
         ],
     )
+    if results[0].get("body"):
+        table.show(
+            f"{name}_body",
+            f"{title}: mass and inertias over true ones, mean of the flights",
+            ("part", "told", "found", "spread", "sd"),
+            [
+                (
+                    part,
+                    f"{COARSE_MASS if part == 'mass' else COARSE_INERTIA:.2f}",
+                    *(f"{number:.3f}" for number in (each[:, 0].mean(), each[:, 0].std())),
+                    f"{each[:, 1].mean():.3f}",
+                )
+                for part in results[0]["body"]
+                for each in [np.array([result["body"][part] for result in results])]
+            ],
+        )
+
+
+def _known(number: float, digits: int = 1) -> str:
+    return f"{number:.{digits}f}" if np.isfinite(number) else "–"
 
 
 def flown(folder: Path, seed: int, description: Path) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid.estimate import filter_error, in_common, intensities, settling
+from gcs_sysid.estimate import filter_error, in_common, intensities, scoring, settling
 from gcs_sysid.estimate.filter_error import Fit
-from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import Scored
@@ -80,8 +79,8 @@ def test_the_lag_of_the_airspeed_is_found(found) -> None:
     assert float(lag.airspeed_lag) == pytest.approx(0.2, abs=3.0 * float(sure))
 
 
-def test_a_search_without_rest_begins_on_another_stretch(monkeypatch) -> None:
-    """And where none finds rest, goes on from the one that had least to gain."""
+def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> None:
+    """And where none ends, goes on from the one that came nearest."""
     flight, every = made.made_flight(), np.ones(made.COUNT, dtype=bool)
     mean = np.asarray(ravel_pytree(FIRST.means)[0])
     beliefs = Beliefs(
@@ -90,28 +89,47 @@ def test_a_search_without_rest_begins_on_another_stretch(monkeypatch) -> None:
     told = Told(np.zeros((1, 1)), np.zeros(1), 0.0)
     path = Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1))))
     nothing = Pass(told, told, path, np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1)))
-    begun: list[Flight] = []
+    free = np.zeros(1, dtype=bool)
+    lefts: list[float] = []
 
-    def ended(left: list[float]) -> Settled:
-        def settle(model, part, *rest, **how) -> Settled:
-            begun.append(part)
-            gain = left[len(begun) - 1]
-            return Settled(
-                np.zeros(1), FIRST.log_noise, nothing, every, (0.0,), ended=gain < 1.0, left=gain
+    def begun(*stretches: tuple[float, float]) -> float:
+        """By what is left to gain and what is still to move on each: what moves where it went on.
+
+        Where the first value is far from nothing the steps of the second are a last resort.
+        """
+        lefts.clear()
+
+        def settle(*given, **how) -> Settled:
+            lefts.append(stretches[len(lefts)][0])
+            rest = (nothing, every, (0.0,))
+            return Settled(np.zeros(1), FIRST.log_noise, *rest, ended=False, left=lefts[-1])
+
+        def climbed(model, like, settled, *given) -> Scored:
+            moving = dict(stretches)[settled.left]
+            one = np.ones((1, 1))
+            return Scored(
+                *(FIRST, (free, free), Curvature(one, one, one), one, one, one, (0.0,)),
+                ended=moving < 0.25,
+                moving=moving,
             )
 
-        begun.clear()
+        monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
         monkeypatch.setattr(settling, "settle", settle)
-        given = (made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
-        return filter_error._begun(*given)[0]
+        monkeypatch.setattr(scoring, "climbed", climbed)
+        done, whole = filter_error._begun(made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
+        assert not whole
+        return done.moving
 
-    assert ended([0.5]).left == 0.5
-    assert len(begun) == 1
-    assert ended([4e4, 0.5]).left == 0.5
-    assert len(begun) == 2
-    # Not at its end, but nearly: finer steps follow.
-    assert ended([30.0]).left == 30.0
-    assert ended([4e4, 7e3]).left == 7e3
+    assert begun((30.0, 0.1)) == 0.1
+    assert len(lefts) == 1
+    # Near enough: steps over the whole flight follow.
+    assert begun((30.0, 4.0)) == 4.0
+    assert len(lefts) == 1
+    assert begun((4e4, 99.0), (0.5, 0.1)) == 0.1
+    assert begun((90.0, 26.0), (0.5, 0.1)) == 0.1
+    assert begun((90.0, 26.0), (50.0, 70.0), (4e4, 99.0)) == 26.0
+    assert begun((4e4, 99.0), (7e3, 50.0), (5e4, 70.0)) == 50.0
+    assert len(lefts) == 3
 
 
 def test_what_no_row_tells_is_infinite() -> None:
