@@ -48,6 +48,9 @@ STILL_GROWING, STILL_MOVING = 2.0, 3.0
 with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
 that are told to a hundredth of a thousandth may still be on their way; deviations hold the rest
 (`Scored.covariance`), as far as that is a line: three of them."""
+COARSE_MASS, COARSE_INERTIA = 0.03, 0.1
+"""A file that is less sure than this of mass or inertia [one sigma, relative] may be wrong enough
+for what goes with them, thrust above all, to bend the airspeed's scale."""
 EXACT = 1e-4
 """Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
 OFF = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
@@ -158,6 +161,7 @@ def identify(
         aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
         notes=(
+            *(() if body else _held(aircraft)),
             *(
                 _cut_short(item)
                 for item in prepared
@@ -378,6 +382,21 @@ def _unended(item: _Prepared, fit: Fit) -> str:
         f"(the log-likelihood still changed by {_grown(fit):+.0f} a step, and a derivative was to "
         f"move by {fit.moving:.1f} of its deviations: all are stated as much wider); check mass, "
         "inertia and the terms of the aircraft file"
+    )
+
+
+def _held(aircraft: Aircraft) -> tuple[str, ...]:
+    """What holding a coarse mass or inertia does; nothing where the file is sure of both.
+
+    Thrust and weight no longer go together, and a wrong airspeed makes up for a part of it.
+    """
+    mass, inertia = aircraft.mass.mass_sigma, aircraft.mass.inertia_sigma
+    if mass <= COARSE_MASS and inertia <= COARSE_INERTIA:
+        return ()
+    return (
+        f"the aircraft file knows the mass to {100.0 * mass:.0f} % and the inertia to "
+        f"{100.0 * inertia:.0f} %: held where they are wrong, they bend the airspeed's scale and "
+        "with it every derivative; --mass-properties flight finds them with the rest",
     )
 
 

@@ -62,3 +62,15 @@ def test_the_share_of_the_body_in_a_deviation_is_told_apart() -> None:
     assert alone.body is not None
     assert np.sqrt(alone.noise[0]) == pytest.approx(0.006, rel=1e-6)
     assert np.sqrt(alone.body[0]) == pytest.approx(0.03, rel=1e-4)
+
+
+def test_a_coarse_file_is_told_what_it_bends() -> None:
+    file = aircraft_file.load(BRUMBY)
+    (note,) = aided_fit._held(file)
+    assert "mass to 2 %" in note
+    assert "inertia to 20 %" in note
+    assert "--mass-properties flight" in note
+    sure = replace(file, mass=replace(file.mass, inertia_sigma=0.05))
+    assert aided_fit._held(sure) == ()
+    heavy = replace(file, mass=replace(file.mass, mass_sigma=0.08, inertia_sigma=0.05))
+    assert "mass to 8 %" in aided_fit._held(heavy)[0]
