@@ -3,7 +3,7 @@
 The C library keeps what a thread has freed for that thread's next use. A learning takes some
 megabytes for seconds, minutes after the one before and in the midst of what the flight keeps, so
 that it is seldom given the same ones again: the process grew by 5 to 24 MB at every learning. Given
-back, it grows by 1 to 7 MB, most of it code compiled anew (`tests/benchmarks/soak_live.py`).
+back, it grows by 1 to 7 MB (`tests/benchmarks/soak_live.py`).
 """
 
 from __future__ import annotations
