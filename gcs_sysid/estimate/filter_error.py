@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float
 from gcs_sysid.estimate import flight_rows, in_common, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
-from gcs_sysid.estimate.scoring import Scored
+from gcs_sysid.estimate.scoring import LostError, Scored
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model.aided import State
 from gcs_sysid.model.flight_model import FlightModel
@@ -56,7 +56,7 @@ class Fit:
         log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the search ended because nothing more was to be gained.
         moving: how far the last step wanted to move a derivative at most, in its deviations.
-        stretch: curvature of the busiest part of the flight.
+        stretch: curvature of the part of the flight on which the search began.
     """
 
     unknowns: Unknowns
@@ -150,14 +150,17 @@ def _begun(
         settled.append((begun, part is flight))
         if begun.restless:
             continue
-        done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        try:
+            done = scoring.climbed(model, first.means, begun, beliefs, progress)
+        except LostError:
+            continue
         if best is None or done.moving < best[0].moving:
             best = done, part is flight
         if done.ended or done.moving < ASTRAY:
             break
     if best is None:
-        # The one with the least to gain, for want of a better.
-        begun, whole = min(settled, key=lambda each: each[0].left)
+        # The one with the least to gain, for want of a better; a lost one is lost here too.
+        begun, whole = min(settled, key=lambda each: np.nan_to_num(each[0].left, nan=np.inf))
         best = scoring.climbed(model, first.means, begun, beliefs, progress), whole
     return best
 

@@ -51,6 +51,11 @@ COARSE_MASS, COARSE_INERTIA = 1.08, 0.8
 """Assumed over true."""
 COARSE_SIGMA = (0.1, 0.25)
 """One deviation of both, as the coarse file says, relative."""
+WORDS = {
+    "ignored": "aerodynamics ignored",
+    "wrong": "aerodynamics wrong",
+    "coarse": "aerodynamics ignored, mass and inertia coarse",
+}
 PARTS = dict.fromkeys(FORCES, "mass") | dict(zip(MOMENTS, ("Ixx", "Iyy", "Izz"), strict=True))
 """What each coefficient is seen over."""
 VANES = """
@@ -413,7 +418,7 @@ def main() -> None:
         aircraft = aircraft_file.load(CASES / "clean" / "aircraft.toml")
         known_of = told(asked.told, aircraft, 0)
         result = scored(CASES / "clean", CASES / "clean_second", aircraft, known_of, 0)
-        shown("filter_error", f"Filter error on clean, aerodynamics {asked.told}", [result])
+        shown("filter_error", f"Filter error on clean, {WORDS[asked.told]}", [result])
         return
     base = asked.folder / "vanes" if asked.vanes else asked.folder
     description = described(base, vanes=asked.vanes)
@@ -440,7 +445,7 @@ def main() -> None:
     words = f"{len(ended)} own flights" + (" with vanes" if asked.vanes else "")
     if len(ended) < len(results):
         words += f" ({len(results) - len(ended)} of {len(results)} searches found no end)"
-    shown(name, f"{words}, aerodynamics {asked.told}", ended)
+    shown(name, f"{words}, {WORDS[asked.told]}", ended)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from gcs_sysid.estimate import filter_error, in_common, intensities, scoring, se
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.likelihood import Curvature
-from gcs_sysid.estimate.scoring import Scored
+from gcs_sysid.estimate.scoring import LostError, Scored
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model import departures
 from gcs_sysid.reconstruct import aided_smoother
@@ -106,6 +106,8 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
 
         def climbed(model, like, settled, *given) -> Scored:
             moving = dict(stretches)[settled.left]
+            if np.isnan(moving):
+                raise LostError
             one = np.ones((1, 1))
             return Scored(
                 *(FIRST, (free, free), Curvature(one, one, one), one, one, one, (0.0,)),
@@ -130,6 +132,10 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
     assert begun((90.0, 26.0), (50.0, 70.0), (4e4, 99.0)) == 26.0
     assert begun((4e4, 99.0), (7e3, 50.0), (5e4, 70.0)) == 50.0
     assert len(lefts) == 3
+    # Where the filter loses the aircraft, too; and where it always does, that is said.
+    assert begun((30.0, np.nan), (0.5, 0.1)) == 0.1
+    with pytest.raises(LostError):
+        begun((30.0, np.nan), (20.0, np.nan), (10.0, np.nan))
 
 
 def test_what_no_row_tells_is_infinite() -> None:
