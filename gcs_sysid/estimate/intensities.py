@@ -42,6 +42,8 @@ DIFFERENCE = 1e-3
 """Step of a logarithm for the change of a covariance."""
 SAMPLE_ROWS = 800
 """Rows on which the information is worked out."""
+TOGETHER = 8
+"""Intensities whose changes are worked out side by side."""
 MOST_TRIALS = 7
 RENEWED = 4
 """After so many steps the information is worked out anew."""
@@ -175,7 +177,9 @@ def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lin
     """A flight linearised about a path."""
     rows = causal.joined(model, means, log_noise, path)
     still = parallel.each(
-        lambda *at: jax.block_until_ready(_still(model, means, *at)),
+        lambda chunk, last: jax.block_until_ready(
+            Still(aided_smoother.mechanics(model, means, chunk), _slow(chunk, last))
+        ),
         path.chunks,
         causal.last_ends(path),
     )
@@ -314,15 +318,11 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
 
 
 @jax.jit
-def _still(model: FlightModel, means: Means, chunk: Chunk, last: State | None) -> Still:
-    def one(part: Chunk) -> Array:
-        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
-        return aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
-
+def _slow(chunk: Chunk, last: State | None) -> Float[Array, "sample state"]:
     ended = causal.ends(chunk, last)
     errors = (getattr(ended, name) for name in aided.ERRORS)
     slow = jnp.concatenate([*ended.air, *errors], axis=1)
-    return Still(jax.vmap(one)(chunk), jnp.pad(slow, ((0, 0), (aided.MOVING, 0))))
+    return jnp.pad(slow, ((0, 0), (aided.MOVING, 0)))
 
 
 @jax.jit
@@ -485,18 +485,27 @@ def _information(
     half = [halves(log_noise, *item) for item in zip(chunks, still, strict=True)]
     kinds = reaches(log_noise)
 
-    def change(place: int) -> Float[np.ndarray, " told"]:
-        moved = unravel(flat.at[place].add(DIFFERENCE))
-        belief, told = jax.tree.map(jnp.zeros_like, starts[0]), []
+    places = np.flatnonzero(free).tolist()
+    none = jax.tree.map(lambda part: jnp.zeros((TOGETHER, *part.shape)), starts[0])
+
+    def change(first: int) -> Float[np.ndarray, "intensity told"]:
+        group, belief, told = places[first : first + TOGETHER], none, []
+        moved = [unravel(flat.at[place].add(DIFFERENCE)) for place in group]
         for chunk, slow, start, rows, done, through in zip(
             chunks, still, starts, here, steps, half, strict=True
         ):
-            other = nearby(moved, kinds[place], chunk, rows, slow, through)
-            belief, found = linear_filter.change(start, rows, done, other, belief)
-            told += [np.ravel(found.innovation), np.sqrt(0.5) * np.ravel(found.spread)]
-        return np.concatenate(told) / DIFFERENCE
+            others = [
+                nearby(noise, kinds[place], chunk, rows, slow, through)
+                for noise, place in zip(moved, group, strict=True)
+            ]
+            others += [rows] * (TOGETHER - len(group))
+            belief, found = linear_filter.changes(start, rows, done, others, belief)
+            for part, scale in zip(found, (1.0, np.sqrt(0.5)), strict=True):
+                flat_part = np.moveaxis(np.asarray(part), 1, 0).reshape(TOGETHER, -1)
+                told.append(scale * flat_part[: len(group)])
+        return np.concatenate(told, axis=1) / DIFFERENCE
 
-    changes = np.array(parallel.each(change, np.flatnonzero(free).tolist()))
+    changes = np.concatenate(parallel.each(change, range(0, len(places), TOGETHER)))
     every = sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in about.path.chunks)
     seen = max(sum(int(np.sum(np.asarray(part.row.step) > 0.0)) for part in chunks), 1)
     out = np.zeros((flat.size, flat.size))

@@ -40,7 +40,7 @@ from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
 HIDDEN = 1e-8
 """A stretch that tells less of a combination of unknowns than this share of what it could tells
 nothing of how much gains and path take away."""
-TOGETHER = 4
+TOGETHER = 8
 """Unknowns whose changes are worked out side by side."""
 
 
@@ -158,13 +158,14 @@ def instruments(
         innovations.append(own)
         spreads.append(turned)
         flat, every = (_flat(each) for each in (own, changed.innovation))
-        spread, every_spread = (_flat(each * weight) for each in (turned, changed.spread))
+        spread = _flat(changed.spread * weight)
+        told = spread @ spread.T
         scatter += flat @ flat.T
-        scatter[np.ix_(asked, asked)] += spread @ spread.T
+        scatter[np.ix_(asked, asked)] += told[np.ix_(part_of, part_of)]
         if stretch is None:
             slope += flat @ every.T
-            slope[asked] += spread @ every_spread.T
-            information += every @ every.T + every_spread @ every_spread.T
+            slope[asked] += told[part_of]
+            information += every @ every.T + told
         start, first = end, first + part.size
     curvature = Curvature(slope, scatter, information)
     if stretch is not None:
@@ -241,7 +242,8 @@ class _Asked:
         self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
         kinds = intensities.reaches(log_noise)
         self._reaches = [kinds[at] for at in noises]
-        self._beliefs = [jax.tree.map(jnp.zeros_like, path.start)] * wanted_of.size
+        none = jax.tree.map(lambda part: jnp.zeros((TOGETHER, *part.shape)), path.start)
+        self._beliefs = [none] * -(-wanted_of.size // TOGETHER)
         self._sensitivity = jnp.zeros((aided.SIZE, found.size))
         self._last: State | None = None
 
@@ -263,7 +265,7 @@ class _Asked:
         leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
         self._last = causal.last_end(chunk)
         count, width = done.whitened.shape
-        size, pairs = len(self._beliefs), _pairs(width)[0].size
+        size, pairs = self._wanted_of.size, _pairs(width)[0].size
         half = intensities.halves(log_noise, chunk, still)
         every = Changed(
             np.zeros((size, count, width), np.float32), np.zeros((size, count, pairs), np.float32)
@@ -275,13 +277,11 @@ class _Asked:
                 self._other(int(self._wanted_of[place]), chunk, rows, still, half, leap, follows)
                 for place in group
             ]
-            spare = TOGETHER - len(others)
-            begun = [*self._beliefs[first : first + TOGETHER], *[start] * spare]
-            both = _changes(start, rows, done, [*others, *[rows] * spare], begun)
-            for place, (belief, told) in zip(group, both, strict=False):
-                self._beliefs[place] = belief
-                every.innovation[place, wanted] = np.asarray(told.innovation)[wanted]
-                every.spread[place, wanted] = np.asarray(told.spread)[wanted]
+            others += [rows] * (TOGETHER - len(others))
+            number = first // TOGETHER
+            self._beliefs[number], told = _changes(start, rows, done, others, self._beliefs[number])
+            for part, found in zip(every, told, strict=True):
+                part[first : first + TOGETHER, wanted] = np.asarray(found)[: len(group), wanted]
 
         parallel.each(together, range(0, size, TOGETHER))
         steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
@@ -310,7 +310,6 @@ class _Asked:
         )
 
 
-@jax.jit
 def _turned(
     model: FlightModel,
     means: Means,
@@ -325,12 +324,27 @@ def _turned(
 
     Matrices are those about the flight that has moved with it, offsets those that moved it there.
     """
-    shifted = Chunk(
+    about = aided_smoother.linearised(model, means, log_noise, _shifted(chunk, moving, size))
+    return _carried_there(about, rows, leap, moving, size)
+
+
+@jax.jit
+def _shifted(chunk: Chunk, moving: Moving, size: Float[Array, ""]) -> Chunk:
+    return Chunk(
         causal.moved(chunk.before, size * moving.before),
         causal.moved(chunk.after, size * moving.after),
         chunk.row,
     )
-    about = aided_smoother.linearised(model, means, log_noise, shifted)
+
+
+@jax.jit
+def _carried_there(
+    about: Linearised,
+    rows: Linearised,
+    leap: Float[Array, "sample state"],
+    moving: Moving,
+    size: Float[Array, ""],
+) -> Linearised:
     carried = jnp.einsum("kij,kj->ki", about.transition - rows.transition, leap)
     return about._replace(
         offset=rows.offset + carried + size * moving.motion,
@@ -340,23 +354,13 @@ def _turned(
 
 @jax.jit
 def _changes(
-    start: Belief,
-    rows: Linearised,
-    done: Filtered,
-    others: Sequence[Linearised],
-    earlier: Sequence[Belief],
-) -> list[tuple[Belief, Changed]]:
-    """What other rows change, several side by side, which takes half the time."""
+    start: Belief, rows: Linearised, done: Filtered, others: Sequence[Linearised], earlier: Belief
+) -> tuple[Belief, Changed]:
+    """`linear_filter.changes`, unknown by unknown, and of V one triangle."""
     first, second, _ = _pairs(aided.ROW_COUNT)
-    stacked, begun = (
-        jax.tree.map(lambda *parts: jnp.stack(parts), *all_) for all_ in (others, earlier)
-    )
-    change = jax.vmap(linear_filter.change, in_axes=(None, None, None, 0, 0))
-    beliefs, told = change(start, rows, done, stacked, begun)
+    end, told = linear_filter.changes(start, rows, done, others, earlier)
     told = told._replace(spread=told.spread[..., first, second])
-    return [
-        jax.tree.map(lambda part, at=at: part[at], (beliefs, told)) for at in range(len(others))
-    ]
+    return end, jax.tree.map(lambda part: jnp.moveaxis(part, 0, 1), told)
 
 
 def _pairs(width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,7 +20,6 @@ from gcs_sysid.model import air
 from gcs_sysid.model.aided import (
     AIRSPEED_TIME,
     BLOCKS,
-    ERRORS,
     GYRO_TIME,
     MOVING,
     PUSH_TIME,
@@ -226,7 +225,7 @@ def _seen(
     aircraft: Aircraft, means: Means, state: State, row: Row
 ) -> tuple[Float[Array, "row state"], Float[Array, " row"]]:
     """Sensitivity of the expected measurements to an error state, and the innovation."""
-    parts = ("attitude", "velocity", "rate", "tube", "spin", *ERRORS)
+    parts = ("attitude", "velocity", "rate", "tube", "spin", "attitude_error", "push")
     ends = np.cumsum([BLOCKS[name].stop - BLOCKS[name].start for name in parts]).tolist()
 
     def left(errors: Float[Array, " error"]) -> tuple[Array, Array]:
@@ -241,14 +240,30 @@ def _seen(
     # Of the velocity over ground, all but its own measurement comes from the air.
     through = columns["velocity"].at[ROWS["velocity"]].add(-jnp.eye(3))
     columns["wind"] = columns["gust"] = -through
+    # Of the other errors, each is what its sensor tells too much.
+    for name in ("gyro", "airspeed", "velocity"):
+        columns[f"{name}_error"] = jnp.eye(ROW_COUNT)[:, ROWS[name]]
     matrix = jnp.zeros((ROW_COUNT, SIZE))
     for name, column in columns.items():
         matrix = matrix.at[:, BLOCKS[name]].set(column)
     return matrix, residual
 
 
+def mechanics(
+    aircraft: Aircraft, means: Means, before: State, after: State, row: Row
+) -> Float[Array, "state state"]:
+    """The Jacobian in the middle of a step, but for what decays by itself."""
+    return jacobian(aircraft, means, compose(before, 0.5 * difference(after, before)), row, 1)
+
+
 def linearise(
-    aircraft: Aircraft, means: Means, noise: Noise, before: State, after: State, row: Row
+    aircraft: Aircraft,
+    means: Means,
+    noise: Noise,
+    before: State,
+    after: State,
+    row: Row,
+    inner: Float[Array, "state state"],
 ) -> Linearised:
     """One row about a nominal flight.
 
@@ -259,10 +274,9 @@ def linearise(
         before: nominal state at the step's beginning.
         after: nominal state at its end.
         row: the sample.
+        inner: `mechanics` of the step.
     """
-    middle = compose(before, 0.5 * difference(after, before))
-    mechanics = jacobian(aircraft, means, middle, row, 1)
-    half = half_transition(mechanics, decay(noise), row)
+    half = half_transition(inner, decay(noise), row)
     moved = advance(aircraft, means, noise, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)

@@ -27,7 +27,8 @@ def _ahead(
 ) -> tuple[State, Linearised]:
     """State at the end of a row's step, and the row about the step."""
     after = aided.advance(model.aircraft, means, noise, state, row)
-    return after, aided_linear.linearise(model.aircraft, means, noise, state, after, row)
+    inner = aided_linear.mechanics(model.aircraft, means, state, after, row)
+    return after, aided_linear.linearise(model.aircraft, means, noise, state, after, row, inner)
 
 
 _folded = jax.jit(aided.compose)

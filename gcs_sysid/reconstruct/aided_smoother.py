@@ -69,16 +69,37 @@ def positive(log_noise: Noise) -> Noise:
 
 
 @jax.jit
-def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk) -> Linearised:
-    """Every row of a chunk about its nominal flight."""
-    noise = positive(log_noise)
+def mechanics(model: FlightModel, means: Means, chunk: Chunk) -> Float[Array, "sample state state"]:
+    """The Jacobian in the middle of every step, but for what decays by itself.
 
-    def one(part: Chunk) -> Linearised:
-        return aided_linear.linearise(
-            model.aircraft, means, noise, part.before, part.after, part.row
-        )
+    A program of its own: what needs it is compiled without it.
+    """
+
+    def one(part: Chunk) -> Array:
+        return aided_linear.mechanics(model.aircraft, means, *part)
 
     return jax.vmap(one)(chunk)
+
+
+def linearised(model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk) -> Linearised:
+    """Every row of a chunk about its nominal flight."""
+    return _about(model, means, log_noise, chunk, mechanics(model, means, chunk))
+
+
+@jax.jit
+def _about(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    chunk: Chunk,
+    inner: Float[Array, "sample state state"],
+) -> Linearised:
+    noise = positive(log_noise)
+
+    def one(part: Chunk, inner: Array) -> Linearised:
+        return aided_linear.linearise(model.aircraft, means, noise, *part, inner)
+
+    return jax.vmap(one)(chunk, inner)
 
 
 @jax.jit

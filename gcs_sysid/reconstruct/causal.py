@@ -267,7 +267,6 @@ def moved(state: State, error: Float[Array, "sample state"]) -> State:
     return jax.vmap(aided.compose)(state, error)
 
 
-@jax.jit
 def sensitivities(
     model: FlightModel,
     means: Means,
@@ -282,10 +281,24 @@ def sensitivities(
     rule, h/6 (b + 4 Φ½ b + Φ b), consistent with the transition: what a change of state can make
     up for must cancel to its last digits.
     """
+    inner = aided_smoother.mechanics(model, means, chunk)
+    return _sensitive(model, means, log_noise, chunk, rows, inner, asked)
+
+
+@jax.jit
+def _sensitive(
+    model: FlightModel,
+    means: Means,
+    log_noise: Noise,
+    chunk: Chunk,
+    rows: Linearised,
+    inner: Float[Array, "sample state state"],
+    asked: Int[Array, " asked"],
+) -> tuple[Array, Array]:
     flat, unravel = ravel_pytree(means)
     decay = aided_linear.decay(aided_smoother.positive(log_noise))
 
-    def one(part: Chunk, transition: Array) -> tuple[Array, Array]:
+    def one(part: Chunk, transition: Array, inner: Array) -> tuple[Array, Array]:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
 
         def with_(values: Float[Array, " asked"]) -> Means:
@@ -299,14 +312,13 @@ def sensitivities(
 
         moving = slice(0, aided.MOVING)  # nothing else is moved by a parameter
         added = jax.jacfwd(ahead)(flat[asked])[moving]
-        mechanics = aided_linear.jacobian(model.aircraft, means, middle, part.row, 1)
-        half = aided_linear.half_transition(mechanics, decay, part.row)
+        half = aided_linear.half_transition(inner, decay, part.row)
         weight = 4.0 * half[moving, moving] + transition[moving, moving]
         carried = (added + weight @ added) / 6.0
         rest = ((0, aided.SIZE - aided.MOVING), (0, 0))
         return jnp.pad(carried, rest), jax.jacfwd(seen)(flat[asked])
 
-    return jax.vmap(one)(chunk, rows.transition)
+    return jax.vmap(one)(chunk, rows.transition, inner)
 
 
 @partial(jax.jit, static_argnums=1)

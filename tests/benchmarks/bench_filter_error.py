@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time as clock
@@ -246,6 +247,7 @@ def scored(
     return {
         "seed": seed,
         "seconds": seconds,
+        "cores": len(os.sched_getaffinity(0)),
         "converged": fit.converged,
         "flow": flow_errors(known_by.flights[0], known(folder)),
         "coefficients": model_errors(aircraft, found, known(other)),
@@ -266,23 +268,31 @@ def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
     }
 
 
-def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
-    """Prints errors beside bounds, flow angles, and how many intervals hold."""
+def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
+    """Prints errors beside bounds, flow angles, and how many intervals hold.
+
+    What a mean is off is told apart, rms over the flights: a constant of the angle of attack and a
+    constant vertical wind are one freedom.
+    """
+    results = [result for result in every if "unsettled" not in result]
     rows = []
     for coefficient in COEFFICIENTS:
         each = [result["coefficients"][coefficient] for result in results]
         error, bound = (np.mean([item[key] for item in each]) for key in ("error", "bound"))
-        rows.append((coefficient, f"{error:.1f}", _known(bound), _known(error / bound)))
+        off = np.sqrt(np.mean([item["mean"] ** 2 for item in each]))
+        rows.append(
+            (coefficient, f"{error:.1f}", _known(bound), _known(error / bound), f"{off:.1f}")
+        )
     for words, names in (("forces", FORCES), ("moments", MOMENTS)):
         error, bound = (
             np.mean([r["coefficients"][c][key] for r in results for c in names])
             for key in ("error", "bound")
         )
-        rows.append((words, f"{error:.1f}", _known(bound), _known(error / bound)))
+        rows.append((words, f"{error:.1f}", _known(bound), _known(error / bound), ""))
     table.show(
         f"{name}_models",
         f"{title}: error on another flight in % of the spread, beside the Cramér–Rao bound",
-        ("", "error", "bound", "ratio"),
+        ("", "error", "bound", "ratio", "mean off"),
         rows,
     )
     off = {
@@ -301,20 +311,23 @@ def shown(name: str, title: str, results: Sequence[dict[str, Any]]) -> None:
 
     pooled = np.concatenate(list(off.values()))
     alpha, beta = np.mean([result["flow"] for result in results], axis=0)
+    cores = sorted({result["cores"] for result in results})
     table.show(
         f"{name}_intervals",
         f"{title}: flow angles, intervals and time",
         (
             "flights",
+            "with a number",
             "alpha [°]",
             "beta [°]",
             "95 % intervals that hold",
             "fewest",
             "converged",
-            "s a flight",
+            f"s a flight, cores: {', '.join(map(str, cores))}",
         ),
         [
             (
+                len(every),
                 len(results),
                 f"{alpha:.2f}",
                 f"{beta:.2f}",
@@ -439,13 +452,9 @@ def main() -> None:
             kept.write_text(json.dumps(result))
         results.append(json.loads(kept.read_text()))
         print(f"flight {seed}: {results[-1].get('seconds', 0.0):.0f} s", flush=True)
-    ended = [result for result in results if "unsettled" not in result]
-    print(f"{len(results) - len(ended)} of {len(results)} searches found no end: no number")
     name = f"filter_error_{asked.told}" + ("_vanes" if asked.vanes else "")
-    words = f"{len(ended)} own flights" + (" with vanes" if asked.vanes else "")
-    if len(ended) < len(results):
-        words += f" ({len(results) - len(ended)} of {len(results)} searches found no end)"
-    shown(name, f"{words}, {WORDS[asked.told]}", ended)
+    words = f"{len(results)} own flights" + (" with vanes" if asked.vanes else "")
+    shown(name, f"{words}, {WORDS[asked.told]}", results)
 
 
 if __name__ == "__main__":

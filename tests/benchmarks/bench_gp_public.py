@@ -58,7 +58,6 @@ def main() -> None:
         f"Diabetes (442 samples, 10 inputs, shipped with scikit-learn), {FOLDS} folds",
         ("method", "SMSE", "NLPD [nat]", "in 95 %", "s a fold"),
         rows,
-        headline=False,
     )
 
 

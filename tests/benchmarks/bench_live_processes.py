@@ -84,7 +84,6 @@ def main() -> None:
         f"The same, at {SPEED:.0f} times the flight's own speed: a message's whole cost",
         ("mean", "p50", "p99", "99.9 %", "samples"),
         costs,
-        headline=False,
     )
 
 

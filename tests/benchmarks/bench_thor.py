@@ -78,7 +78,6 @@ def main() -> None:
         "beside both published models",
         ("derivative", "found ± 95 %", "wind tunnel", "VSPAERO", "the flight"),
         rows,
-        headline=False,
     )
 
 

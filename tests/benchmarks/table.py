@@ -4,8 +4,8 @@ A benchmark `bench_NAME.py` measures, and ends with
 
     table.show("NAME", "What was measured", ("what", "wanted", "found"), rows)
 
-`make bench` prints all tables; `make results` also keeps them in docs/results/ and renews the block
-of README.md that shows them.
+`make bench` prints all tables; `make results` also keeps them in docs/results/ and renews
+docs/measured.md, and what README.md shows of them (`docs/results.py`).
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ def show(
     title: str,
     columns: Sequence[str],
     rows: Sequence[Sequence[object]],
-    *,
-    headline: bool = True,
 ) -> None:
     """Prints a table; with `--save` on the command line also keeps it as docs/results/NAME.json.
 
@@ -38,7 +36,6 @@ def show(
         title: one sentence that says what was measured on what.
         columns: their headings.
         rows: one entry a column; numbers already rounded as they should be read.
-        headline: whether the README shows it too, if it is short.
     """
     cells = [[str(cell) for cell in row] for row in rows]
     assert all(len(row) == len(columns) for row in cells)
@@ -50,8 +47,6 @@ def show(
         )
     if kept():
         document = {"title": title, "columns": list(columns), "rows": cells}
-        if not headline:
-            document["headline"] = False
         KEPT.mkdir(exist_ok=True)
         text = json.dumps(document, indent=2, ensure_ascii=False)
         (KEPT / f"{name}.json").write_text(text + "\n", encoding="utf-8")

@@ -100,7 +100,6 @@ def causes(out: Path) -> None:
         "at: their error [°], and error against truth on three others [%]",
         ("states", "alpha", "beta", *COEFFICIENTS, "forces", "moments"),
         rows,
-        headline=False,
     )
 
 
@@ -301,7 +300,6 @@ def _calibrated(
         "Brumby: mean NLPD of measured coefficients on unseen flights [nat], % in 95 % intervals",
         ("method", "states", "NLPD", *COEFFICIENTS),
         rows,
-        headline=False,
     )
 
 
@@ -348,7 +346,6 @@ def _disturbed(first: Flight, tested: Mapping[str, Flight], inputs: Sequence[str
         "Brumby, dependent GP, zero mean: error against truth [%] by what is wrong in training",
         ("training", *COEFFICIENTS, "forces", "moments"),
         rows,
-        headline=False,
     )
 
 

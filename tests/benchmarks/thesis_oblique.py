@@ -47,7 +47,6 @@ def oblique_wing(out: Path) -> None:
         "AD-1, dependent GP with zero mean: derivatives at trim, one sd, and what flew",
         ("sweep", "derivative", "found", "one sd", "truth"),
         rows,
-        headline=False,
     )
 
 
@@ -113,7 +112,6 @@ def _points(found: Fitted, flight: flights.Flight, inputs) -> None:
         "AD-1 at 30 deg: mean held-out error against truth [%] by number of (input, output) points",
         ("chosen by", *map(str, SIZES)),
         rows,
-        headline=False,
     )
 
 
@@ -158,5 +156,4 @@ def _ablation(flight: flights.Flight, inputs) -> None:
         "AD-1 at 30 deg: held-out error against truth [%], NLPD [nat]",
         ("training", "processes", *COEFFICIENTS, "mean", "NLPD"),
         rows,
-        headline=False,
     )

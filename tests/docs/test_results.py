@@ -29,19 +29,25 @@ def test_the_readme_shows_the_kept_results(results):
     assert results.PAGE.read_text(encoding="utf-8") == results.page(), "run `make results`"
 
 
-def test_long_tables_are_kept_out_of_the_readme(results, tmp_path):
-    rows = [["x"]] * (results.LONGEST + 1)
-    document = {"title": "long", "columns": ["what"], "rows": rows}
-    (tmp_path / "long.json").write_text(json.dumps(document), encoding="utf-8")
-    assert "long" not in results.block(tmp_path)
-    assert "long" in results.page(tmp_path)
+def test_a_line_shows_what_was_kept_and_only_that(results, tmp_path):
+    document = {"title": "t", "columns": ["what", "ours"], "rows": [["a", "1"], ["b", "2|"]]}
+    (tmp_path / "one.json").write_text(json.dumps(document), encoding="utf-8")
+    both = (results.Cell("one", "b", "ours"), results.Cell("one", "", "ours"))
+    line = results.Line("speed", "3 s", both, " s")
+    missing = results.Line("never run", "4 s", (results.Cell("two", "b", "ours"),))
+    shown = results.block(tmp_path, (line, missing))
+    assert "| speed | 3 s | 2\\| / 1 s |" in shown
+    assert "never run" not in shown
+    gone = results.Line("speed", "3 s", (results.Cell("one", "c", "ours"),))
+    with pytest.raises(KeyError, match="one: no c"):
+        results.block(tmp_path, (gone,))
 
 
 def test_tables_become_markdown_in_the_order_of_their_names(results, tmp_path):
     for name, cell in (("b", "second"), ("a", "first|one")):
         document = {"title": name, "columns": ["what"], "rows": [[cell]]}
         (tmp_path / f"{name}.json").write_text(json.dumps(document), encoding="utf-8")
-    shown = results.block(tmp_path)
+    shown = results.page(tmp_path)
     assert shown.index("first\\|one") < shown.index("second")
     assert "**a**\n\n| what |\n| --- |\n| first\\|one |" in shown
 

@@ -244,7 +244,8 @@ def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
 @jax.jit
 def stepped(known: Means, before: State, sample: Row) -> tuple[State, aided_linear.Linearised]:
     after = aided.advance(FLYING, known, NOISE, before, sample)
-    return after, aided_linear.linearise(FLYING, known, NOISE, before, after, sample)
+    inner = aided_linear.mechanics(FLYING, known, before, after, sample)
+    return after, aided_linear.linearise(FLYING, known, NOISE, before, after, sample, inner)
 
 
 def test_the_transition_is_that_of_the_scheme_to_third_order() -> None:

@@ -160,9 +160,12 @@ def test_innovations_and_their_covariance_change_with_all_matrices() -> None:
     size = 1e-6
     root = np.asarray(linear_filter.run(start, rows)[1].root)
     (missed, spread), (before, less) = expected(size), expected(-size)
-    still = jax.tree.map(jnp.zeros_like, start)
+    still = jax.tree.map(lambda part: jnp.zeros((2, *part.shape)), start)
     done = linear_filter.run(start, rows)[1]
-    _, found = linear_filter.change(start, rows, done, near(size), still)
+    _, both = linear_filter.changes(start, rows, done, (rows, near(size)), still)
+    for part in jax.tree.leaves(both):
+        np.testing.assert_array_equal(part[:, 0], 0.0)
+    found = jax.tree.map(lambda part: part[:, 1], both)
     # Central differences of numbers of order one: good to 1e-16/1e-6 of the change.
     np.testing.assert_allclose(
         found.innovation,
