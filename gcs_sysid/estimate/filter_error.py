@@ -33,8 +33,6 @@ from gcs_sysid.reconstruct.linear_filter import Belief
 
 BEGINNINGS = 3
 """Stretches on which a search begins, one after the other, until it finds rest."""
-ASTRAY = 10.0
-"""A search on a stretch that is still to move a derivative by so many deviations began wrong."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 
@@ -156,7 +154,7 @@ def _begun(
             continue
         if best is None or done.moving < best[0].moving:
             best = done, part is flight
-        if done.ended or done.moving < ASTRAY:
+        if done.ended or done.moving < scoring.ASTRAY:
             break
     if best is None:
         # The one with the least to gain, for want of a better; a lost one is lost here too.

@@ -33,6 +33,9 @@ from gcs_sysid.gp.dependent import Kernel, Points
 Method = Literal["mutual information", "entropy", "random", "k-means"]
 _covariance = jax.jit(dependent.covariance)
 Chosen = Int[np.ndarray, " chosen"]
+PADDED = 256
+"""Candidates are as many as outputs were measured, another number at every learning; in steps of so
+many the covariance is compiled a few times and not each time, which took time and kept memory."""
 
 
 def choose(
@@ -125,7 +128,10 @@ def k_means(candidates: Points, count: int, *, seed: int) -> Chosen:
 def _matrix(
     kernel: Kernel, candidates: Points, noise: Float[np.ndarray, " point"]
 ) -> Float[np.ndarray, "point point"]:
-    covariance = np.asarray(_covariance(kernel, candidates, candidates))
+    count = np.asarray(candidates.output).size
+    filled = np.minimum(np.arange(-(-count // PADDED) * PADDED), count - 1)
+    padded = take(candidates, filled)
+    covariance = np.asarray(_covariance(kernel, padded, padded))[:count, :count]
     return covariance + np.diag(np.asarray(noise))
 
 

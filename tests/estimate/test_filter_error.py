@@ -138,6 +138,21 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
         begun((30.0, np.nan), (20.0, np.nan), (10.0, np.nan))
 
 
+@pytest.mark.parametrize(
+    ("hoped", "gained", "moving", "wanted"),
+    [
+        (150.0, 140.0, 0.1, True),
+        (90.0, 85.0, 0.1, False),
+        # Near the end the equations balance elsewhere than the likelihood does.
+        (150.0, -3.0, 0.8, True),
+        (900.0, 700.0, 25.0, True),
+        (2500.0, 70.0, 25.0, False),
+    ],
+)
+def test_instruments_are_made_anew_where_that_leads_on(hoped, gained, moving, wanted) -> None:
+    assert scoring._promising(hoped, gained, moving) is wanted
+
+
 def test_what_no_row_tells_is_infinite() -> None:
     """The bound of two derivatives, one without information; what was believed of them is left."""
     known = made.unknowns(1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -27,24 +29,26 @@ def left(matrix: np.ndarray, one: int, given: list[int]) -> float:
     return float(matrix[one, one] - cross @ np.linalg.solve(matrix[np.ix_(given, given)], cross))
 
 
+def greedy(found: np.ndarray, gain: Callable[[int, list[int]], float]) -> None:
+    """Each is worth as much as any other that was left; of equal ones either may be taken."""
+    assert len(set(found.tolist())) == TAKEN
+    for step, one in enumerate(found.tolist()):
+        chosen = found[:step].tolist()
+        gains = {other: gain(other, chosen) for other in set(range(COUNT)) - set(chosen)}
+        assert gains[one] == pytest.approx(max(gains.values()), rel=1e-12)
+
+
 def test_mutual_information_is_the_greedy_choice(matrix):
-    chosen: list[int] = []
-    for _ in range(TAKEN):
-        gains = {}
-        for one in set(range(COUNT)) - set(chosen):
-            rest = [other for other in range(COUNT) if other != one and other not in chosen]
-            gains[one] = left(matrix, one, chosen) / left(matrix, one, rest)
-        chosen.append(max(gains, key=lambda one: gains[one]))
-    found = selection.mutual_information(KERNEL, CANDIDATES, NOISE, TAKEN)
-    assert found.tolist() == chosen
+    def gain(one: int, chosen: list[int]) -> float:
+        rest = [other for other in range(COUNT) if other != one and other not in chosen]
+        return left(matrix, one, chosen) / left(matrix, one, rest)
+
+    greedy(selection.mutual_information(KERNEL, CANDIDATES, NOISE, TAKEN), gain)
 
 
 def test_entropy_is_the_greedy_choice(matrix):
-    chosen: list[int] = []
-    for _ in range(TAKEN):
-        gains = {one: left(matrix, one, chosen) for one in set(range(COUNT)) - set(chosen)}
-        chosen.append(max(gains, key=lambda one: gains[one]))
-    assert selection.entropy(KERNEL, CANDIDATES, NOISE, TAKEN).tolist() == chosen
+    found = selection.entropy(KERNEL, CANDIDATES, NOISE, TAKEN)
+    greedy(found, lambda one, chosen: left(matrix, one, chosen))
 
 
 @pytest.mark.parametrize("method", ["mutual information", "entropy", "random", "k-means"])
@@ -69,3 +73,12 @@ def test_a_point_of_another_output_can_tell_more():
     noise = np.tile([0.5, 0.01], 8)
     found = selection.mutual_information(twin, both, noise, 4)
     assert np.all(np.asarray(both.output)[found] == 1)
+
+
+def test_another_number_of_candidates_is_not_compiled_anew():
+    def taken(count: int) -> int:
+        fewer = selection.take(CANDIDATES, np.arange(count))
+        selection.mutual_information(KERNEL, fewer, NOISE[:count], 3)
+        return selection._covariance._cache_size()
+
+    assert taken(COUNT) == taken(COUNT - 1) == taken(COUNT - 7)
