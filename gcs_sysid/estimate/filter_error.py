@@ -31,8 +31,6 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.linear_filter import Belief
 
-BEGINNINGS = 3
-"""Stretches on which a search begins, one after the other, until it finds rest."""
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
 
@@ -140,12 +138,13 @@ def _begun(
     Another stretch has other gusts, and another way there.
     """
     best: tuple[Scored, bool] | None = None
-    settled: list[tuple[Settled, bool]] = []
-    for part, taken in islice(flight_rows.busy(flight, counts, settling.STRETCH), BEGINNINGS):
+    settled: list[Settled] = []
+    stretches = flight_rows.busy(flight, counts, settling.STRETCH)
+    for part, taken in islice(stretches, settling.BEGINNINGS):
         if settled:
             progress("no end there: begun anew on another stretch of the flight")
         begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
-        settled.append((begun, part is flight))
+        settled.append(begun)
         if begun.restless:
             continue
         try:
@@ -158,8 +157,8 @@ def _begun(
             break
     if best is None:
         # The one with the least to gain, for want of a better; a lost one is lost here too.
-        begun, whole = min(settled, key=lambda each: np.nan_to_num(each[0].left, nan=np.inf))
-        best = scoring.climbed(model, first.means, begun, beliefs, progress), whole
+        begun = settling.least_left(settled)
+        best = scoring.climbed(model, first.means, begun, beliefs, progress), part is flight
     return best
 
 

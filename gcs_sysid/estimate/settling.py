@@ -11,8 +11,9 @@ and with it everything that depends on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import intensities, quasi_newton
-from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busiest
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns, busy
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.model.flight_model import FlightModel
@@ -30,6 +31,8 @@ from gcs_sysid.reconstruct.causal import Pass, Path
 
 STRETCH = 4000
 """Rows of the stretch on which a search begins."""
+BEGINNINGS = 3
+"""Stretches on which a search begins, one after the other, until it finds rest."""
 FIRST_TURNS, TURNS = 16, 24
 ORIENTED = 1
 """Turn of the first stretch in which the gusts' field is looked for; and once more, when little is
@@ -110,7 +113,8 @@ class Settled:
     @property
     def restless(self) -> bool:
         """Whether the search ended far from its end: what it says of parameters is no number."""
-        return not self.ended and self.left > QUIET
+        # A filter that lost the aircraft leaves what is no number.
+        return not self.ended and not self.left <= QUIET
 
 
 def settle(
@@ -137,17 +141,48 @@ def settle(
         rough: whether finer steps follow (`scoring`), so that nothing has to end here.
     """
     if not near:
-        part, every = busiest(flight, counts, STRETCH)
-        first = _neared(model, part, first, beliefs, every, progress)
-        begun = _turns(
-            *(model, part, first, beliefs, every, FIRST_TURNS, progress),
-            oriented=True,
-            rough=rough or part is not flight,
-        )
-        first = Unknowns(_means(first.means, begun.values), begun.log_noise)
-        if part is flight:
+        begun, whole = _begun(model, flight, first, beliefs, counts, progress, rough=rough)
+        if whole:
             return begun
+        first = Unknowns(_means(first.means, begun.values), begun.log_noise)
     return _turns(model, flight, first, beliefs, counts, TURNS, progress)
+
+
+def _begun(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    progress: Callable[[str], None],
+    *,
+    rough: bool,
+) -> tuple[Settled, bool]:
+    """Where turns on a stretch came to rest, and whether that is all of the flight.
+
+    Where they do not on the stretch with the most control, another has other gusts, and another
+    way there; where they do on none, the one with the least left to gain.
+    """
+    tried: list[Settled] = []
+    for part, every in islice(busy(flight, counts, STRETCH), BEGINNINGS):
+        if tried:
+            progress("no rest there: begun anew on another stretch of the flight")
+        whole = part is flight
+        near = _neared(model, part, first, beliefs, every, progress)
+        begun = _turns(
+            *(model, part, near, beliefs, every, FIRST_TURNS, progress),
+            oriented=True,
+            rough=rough or not whole,
+        )
+        if whole or not begun.restless:
+            return begun, whole
+        tried.append(begun)
+    return least_left(tried), False
+
+
+def least_left(tried: Sequence[Settled]) -> Settled:
+    """Of searches without rest the one with the least to gain; those that lost the flight last."""
+    return min(tried, key=lambda each: np.nan_to_num(each.left, nan=np.inf))
 
 
 def rested(

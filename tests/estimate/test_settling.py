@@ -11,6 +11,8 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid.estimate import settling
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.reconstruct.causal import Pass, Path, Told
+from gcs_sysid.reconstruct.linear_filter import Belief
 from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
@@ -19,6 +21,13 @@ KNOWN = made.unknowns(1.0)
 FLAT = np.asarray(ravel_pytree(KNOWN.means)[0])
 DERIVATIVES = np.arange(FLAT.size) < sum(len(terms) for terms in made.TERMS.values())
 SIZES = np.where(DERIVATIVES, 0.3 * np.abs(FLAT), 0.0)
+
+
+NOTHING = Pass(
+    *[Told(np.zeros((1, 1)), np.zeros(1), 1.0)] * 2,
+    Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1)))),
+    *(np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1))),
+)
 
 
 def beliefs() -> Beliefs:
@@ -56,3 +65,37 @@ def test_turns_begin_where_the_flight_is_likely(settled) -> None:
     begun = {text.split(":")[0]: float(text.split()[-1]) for text in told if "likelihood" in text}
     assert any("astray" in text for text in told)
     assert begun["turn 1"] > -1e4
+
+
+def test_a_search_without_rest_begins_anew_on_another_stretch(monkeypatch) -> None:
+    """From where one rests, or else had the least to gain, turns go on over the whole flight."""
+    flight, every = made.made_flight(), np.ones(made.COUNT, dtype=bool)
+    begun_at: list[int] = []
+
+    def settled_after(*lefts: float) -> float:
+        begun_at.clear()
+
+        def neared(model, part, first, *given) -> settling.Unknowns:
+            begun_at.append(part.rows.step.size)
+            return first
+
+        def turns(model, part, first, beliefs, counts, turns, progress, **how) -> Settled:
+            values = np.asarray(ravel_pytree(first.means)[0])
+            if not how:
+                return Settled(values, first.log_noise, NOTHING, counts, (), ended=True)
+            left = lefts[len(begun_at) - 1]
+            values = np.full_like(values, len(begun_at))
+            return Settled(values, first.log_noise, NOTHING, counts, (), ended=False, left=left)
+
+        monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
+        monkeypatch.setattr(settling, "_neared", neared)
+        monkeypatch.setattr(settling, "_turns", turns)
+        done = settling.settle(made.MODEL, flight, KNOWN, beliefs(), every, lambda _: None)
+        assert set(begun_at) == {made.COUNT // 4}
+        return float(done.values[0])
+
+    assert settled_after(50.0) == 1
+    assert settled_after(4e4, 0.5) == 2
+    assert settled_after(np.nan, 4e4, 0.5) == 3
+    assert settled_after(4e4, 7e3, np.nan) == 2
+    assert settled_after(np.nan, 9e3, 7e3) == 3
