@@ -303,6 +303,9 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert "lost: bad_crc 2" in seen
     across = "document.documentElement.scrollWidth - window.innerWidth"
     assert browser.evaluate(across) <= 0, "wider than the screen"
+    # What a model knows must not lie beside the page, where nobody looks for it.
+    beside = "document.querySelector('#model').scrollWidth - window.innerWidth"
+    assert browser.evaluate(beside) <= 0, "derivatives beside the page"
     write(page.folder, live())
     browser.until("document.body.className === ''")
     browser.until("!document.getElementById('alarm').textContent.includes('old')")
