@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
 
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import flight_rows, in_common, scoring, settling
+from gcs_sysid.estimate import in_common, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import LostError, Scored
@@ -139,10 +138,7 @@ def _begun(
     """
     best: tuple[Scored, bool] | None = None
     settled: list[Settled] = []
-    stretches = flight_rows.busy(flight, counts, settling.STRETCH)
-    for part, taken in islice(stretches, settling.BEGINNINGS):
-        if settled:
-            progress("no end there: begun anew on another stretch of the flight")
+    for part, taken, whole in settling.beginnings(flight, counts, progress):
         begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
         settled.append(begun)
         if begun.restless:
@@ -152,13 +148,13 @@ def _begun(
         except LostError:
             continue
         if best is None or done.moving < best[0].moving:
-            best = done, part is flight
+            best = done, whole
         if done.ended or done.moving < scoring.ASTRAY:
             break
     if best is None:
         # The one with the least to gain, for want of a better; a lost one is lost here too.
         begun = settling.least_left(settled)
-        best = scoring.climbed(model, first.means, begun, beliefs, progress), part is flight
+        best = scoring.climbed(model, first.means, begun, beliefs, progress), whole
     return best
 
 

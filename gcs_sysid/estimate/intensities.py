@@ -43,7 +43,7 @@ DIFFERENCE = 1e-3
 SAMPLE_ROWS = 800
 """Rows on which the information is worked out."""
 TOGETHER = 8
-"""Intensities whose changes are worked out side by side."""
+"""Unknowns whose changes are worked out side by side."""
 MOST_TRIALS = 7
 RENEWED = 4
 """After so many steps the information is worked out anew."""

@@ -40,8 +40,6 @@ from gcs_sysid.reconstruct.linear_filter import Belief, Changed, Filtered
 HIDDEN = 1e-8
 """A stretch that tells less of a combination of unknowns than this share of what it could tells
 nothing of how much gains and path take away."""
-TOGETHER = 8
-"""Unknowns whose changes are worked out side by side."""
 
 
 class Curvature(NamedTuple):
@@ -242,8 +240,8 @@ class _Asked:
         self._louder = [unravel_logs(logs.at[at].add(intensities.DIFFERENCE)) for at in noises]
         kinds = intensities.reaches(log_noise)
         self._reaches = [kinds[at] for at in noises]
-        none = jax.tree.map(lambda part: jnp.zeros((TOGETHER, *part.shape)), path.start)
-        self._beliefs = [none] * -(-wanted_of.size // TOGETHER)
+        none = jax.tree.map(lambda part: jnp.zeros((intensities.TOGETHER, *part.shape)), path.start)
+        self._beliefs = [none] * -(-wanted_of.size // intensities.TOGETHER)
         self._sensitivity = jnp.zeros((aided.SIZE, found.size))
         self._last: State | None = None
 
@@ -272,18 +270,18 @@ class _Asked:
         )
 
         def together(first: int) -> None:
-            group = range(first, min(first + TOGETHER, size))
+            group = range(first, min(first + intensities.TOGETHER, size))
             others = [
                 self._other(int(self._wanted_of[place]), chunk, rows, still, half, leap, follows)
                 for place in group
             ]
-            others += [rows] * (TOGETHER - len(others))
-            number = first // TOGETHER
+            others += [rows] * (intensities.TOGETHER - len(others))
+            number = first // intensities.TOGETHER
             self._beliefs[number], told = _changes(start, rows, done, others, self._beliefs[number])
             for part, found in zip(every, told, strict=True):
-                part[first : first + TOGETHER, wanted] = np.asarray(found)[: len(group), wanted]
+                part[first : group.stop, wanted] = np.asarray(found)[: len(group), wanted]
 
-        parallel.each(together, range(0, size, TOGETHER))
+        parallel.each(together, range(0, size, intensities.TOGETHER))
         steps = np.concatenate([self._steps, np.full(len(self._louder), intensities.DIFFERENCE)])
         steps = steps[self._wanted_of]
         held = np.where(wanted[:, None], np.moveaxis(np.asarray(white), 2, 0), 0.0)

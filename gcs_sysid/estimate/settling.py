@@ -11,7 +11,7 @@ and with it everything that depends on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
@@ -164,10 +164,7 @@ def _begun(
     way there; where they do on none, the one with the least left to gain.
     """
     tried: list[Settled] = []
-    for part, every in islice(busy(flight, counts, STRETCH), BEGINNINGS):
-        if tried:
-            progress("no rest there: begun anew on another stretch of the flight")
-        whole = part is flight
+    for part, every, whole in beginnings(flight, counts, progress):
         near = _neared(model, part, first, beliefs, every, progress)
         begun = _turns(
             *(model, part, near, beliefs, every, FIRST_TURNS, progress),
@@ -178,6 +175,17 @@ def _begun(
             return begun, whole
         tried.append(begun)
     return least_left(tried), False
+
+
+def beginnings(
+    flight: Flight, counts: Bool[np.ndarray, " sample"], progress: Callable[[str], None]
+) -> Iterator[tuple[Flight, Bool[np.ndarray, " stretch"], bool]]:
+    """Stretches of a flight to begin on, the rows that take part, and whether each is all of it."""
+    stretches = islice(busy(flight, counts, STRETCH), BEGINNINGS)
+    for number, (part, every) in enumerate(stretches):
+        if number:
+            progress("no end there: begun anew on another stretch of the flight")
+        yield part, every, part is flight
 
 
 def least_left(tried: Sequence[Settled]) -> Settled:

@@ -311,6 +311,7 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
 
     pooled = np.concatenate(list(off.values()))
     alpha, beta = np.mean([result["flow"] for result in results], axis=0)
+    fewest, at = min((float(np.mean(np.abs(z) < Z95)), key) for key, z in off.items())
     cores = sorted({result["cores"] for result in results})
     table.show(
         f"{name}_intervals",
@@ -332,7 +333,7 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
                 f"{alpha:.2f}",
                 f"{beta:.2f}",
                 f"{100.0 * np.mean(np.abs(pooled) < Z95):.0f} %",
-                min((float(np.mean(np.abs(z) < Z95)), key) for key, z in off.items())[1],
+                f"{100.0 * fewest:.0f} % ({at})",
                 sum(result["converged"] for result in results),
                 f"{np.median([result['seconds'] for result in results]):.0f}",
             )
