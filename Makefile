@@ -79,7 +79,7 @@ bench-maneuvers: setup
 
 # Flights in which something is hidden, diagnosed by a program that is not told what: a dozen.
 blind: setup
-	@$(BIN)/python -m tests.blind.campaign --dozen --again --out out/blind
+	@$(BIN)/python -m tests.blind.campaign --dozen --again --out out/blind $(BENCH)
 
 # What `diagnose` names in the scenarios of replay/: minutes each, finished ones are not repeated.
 bench-causes: setup

@@ -17,6 +17,7 @@ Unmodelled forces and moments enter as white noise on v̇ and ω̇.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -75,6 +76,10 @@ AIRSPEED_TIME = 0.28
 GYRO_TIME = 300.0
 """Correlation time of the gyros' drift [s]: a board warms up in minutes."""
 
+ATTITUDE_TILT = math.radians(0.4)
+"""One ordinary deviation of what an autopilot calls level [rad]: its trim, and what its filter has
+wrong for minutes."""
+
 
 class State(NamedTuple):
     """Motion, air, and attitude error.
@@ -121,6 +126,8 @@ class Sensors(NamedTuple):
         velocity_delay: likewise.
         attitude_delay: likewise.
         vane_delay: likewise.
+        attitude_tilt: roll and pitch of the attitude that is told in the airframe: level is where
+            somebody said so [rad].
     """
 
     gyro_bias: Float[Array, " axis"]
@@ -135,6 +142,7 @@ class Sensors(NamedTuple):
     velocity_delay: Float[Array, ""]
     attitude_delay: Float[Array, ""]
     vane_delay: Float[Array, ""]
+    attitude_tilt: Float[Array, " two"]
 
 
 class Means(NamedTuple):
@@ -204,7 +212,8 @@ class Row(NamedTuple):
         density: of the air [kg/m³].
         height: above the ground [m].
         climbed: above where the flight begins [m].
-        airspeed: at which gusts are passed, true [m/s].
+        passing: speed at which gusts are passed [m/s]. A field of them is carried by the steady
+            wind (Taylor's hypothesis), so that a gust has no part in how fast it is passed itself.
         gyro: angular rate [rad/s].
         accelerometer: specific force [m/s²].
         inertial: whether these two were measured.
@@ -222,7 +231,7 @@ class Row(NamedTuple):
     density: Float[Array, "*sample"]
     height: Float[Array, "*sample"]
     climbed: Float[Array, "*sample"]
-    airspeed: Float[Array, "*sample"]
+    passing: Float[Array, "*sample"]
     gyro: Float[Array, "*sample axis"]
     accelerometer: Float[Array, "*sample axis"]
     inertial: Bool[Array, "*sample"]
@@ -320,7 +329,7 @@ def _slope(
         change.velocity,
         change.rate,
         filling(aircraft, means, state, row, rate),
-        air.drift(state.air, noise.turbulence, row.airspeed),
+        air.drift(state.air, noise.turbulence, row.passing),
         -state.attitude_error / of_axes(noise.attitude_error_time),
         -state.push / PUSH_TIME,
         -state.velocity_error / noise.velocity_error_time,
@@ -413,8 +422,7 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     speed = speed + lag / TUBE * (shown - speed)
     tracked = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay).attitude
-    if by is not None:
-        turned = departures.told(turned, by)
+    turned = told(turned, errors)
     expected = frames.multiply(frames.exponential(source), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position
     _, alpha, beta = flow(shifted(3, errors.vane_delay), jnp.asarray(vanes))
@@ -430,6 +438,12 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
             - errors.vane_bias,
         ]
     )
+
+
+def told(attitude: Float[Array, " four"], errors: Sensors) -> Float[Array, " four"]:
+    """The attitude that an autopilot tells where the airframe has another."""
+    tilt = frames.quaternion_from_euler(jnp.append(errors.attitude_tilt, 0.0))
+    return frames.multiply(attitude, tilt)
 
 
 def of_axes(pair: Float[Array, " two"]) -> Float[Array, " axis"]:

@@ -106,9 +106,9 @@ def process(
 
 
 def passing(row: Row) -> Float[Array, " state"]:
-    """How fast what changes by itself does so: gusts at the airspeed [m/s], all else at 1."""
+    """How fast what changes by itself does so: gusts as they are passed [m/s], all else at 1."""
     blown = slice(BLOCKS["gust"].start, BLOCKS["memory"].stop)
-    return jnp.ones(SIZE).at[blown].set(row.airspeed)
+    return jnp.ones(SIZE).at[blown].set(row.passing)
 
 
 def driving(noise: Noise) -> Float[Array, "state state"]:

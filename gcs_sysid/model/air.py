@@ -2,7 +2,8 @@
 
 Gusts have Dryden's spectra (MIL-F-8785C, 1980, section 3.7.1) in axes along their field, across it,
 and down, each with its own intensity σ and scale length L, which the aircraft passes in the time
-T = L/V: of first order along, and across and down
+T = L/V, with V its speed through the steady wind that carries the gusts (Taylor's hypothesis): of
+first order along, and across and down
 
     g(s) = σ √T (1 + √3 T s)/(1 + T s)² W(s)
 
@@ -18,9 +19,10 @@ rotation s is driven by the changes of g as well,
 
 C holds one number for the vertical gust that turns the air about the axis across, and one for the
 gust across that turns it about down [rad/m], π/4 and π/3 over the span by the specification. T_s is
-a length over the airspeed as well. A gyro that sees the rotation tells how the gust changes, and a
+a length over V as well. A gyro that sees the rotation tells how the gust changes, and a
 constant of sideslip, which turns with the aircraft, does not change so: it is told to a tenth of a
-degree, and wrongly by more where the times are taken as constant while the airspeed is not.
+degree, and wrongly by more where the times are taken as constant while V is not, or as those of the
+airspeed, in which the gust has a part (up to 400 nats of four minutes).
 
 Which way the field lies is unknown, the azimuth ψ. The aerodynamics feel the velocity less wind and
 gust, and the rate less s. The steady wind drifts as a random walk.
@@ -107,25 +109,25 @@ def rotation_lengths(span: float, height: float) -> tuple[float, float, float]:
     return float(along), float(across), float(0.75 * across)
 
 
-def drift(air: Air, turbulence: Turbulence, airspeed: Float[Array, ""] | float) -> Air:
-    """Mean rate of change of the air that is passed at an airspeed [m/s]."""
+def drift(air: Air, turbulence: Turbulence, speed: Float[Array, ""] | float) -> Air:
+    """Mean rate of change of the air whose gusts are passed at a speed [m/s]."""
     turned = field_axes(turbulence)
     now, memory = turned.T @ air.gust, turned.T @ air.memory
     inner = SECOND * (now - LATE * memory) / ROOT
-    gust = turned @ ((LATE * inner - now) * (airspeed / turbulence.gust_length))
-    later = turned @ ((inner - memory) * (airspeed / turbulence.gust_length))
-    own = -turned @ ((turned.T @ air.spin) * (airspeed / turbulence.spin_length))
+    gust = turned @ ((LATE * inner - now) * (speed / turbulence.gust_length))
+    later = turned @ ((inner - memory) * (speed / turbulence.gust_length))
+    own = -turned @ ((turned.T @ air.spin) * (speed / turbulence.spin_length))
     return Air(jnp.zeros(3), gust, own + coupling_matrix(turbulence) @ gust, later)
 
 
-def density(turbulence: Turbulence, airspeed: Float[Array, ""] | float) -> Float[Array, " twelve"]:
+def density(turbulence: Turbulence, speed: Float[Array, ""] | float) -> Float[Array, " twelve"]:
     """Spectral density of the white noise that drives wind, gust, spin and memory.
 
     2 σ²/T, and 3 σ²/T of gusts across and down. Those of gust and spin are in the axes of the
     field, the spin's without what the gust brings.
     """
-    gust = (2.0 + SECOND) * turbulence.gust**2 * (airspeed / turbulence.gust_length)
-    spin = 2.0 * turbulence.spin**2 * (airspeed / turbulence.spin_length)
+    gust = (2.0 + SECOND) * turbulence.gust**2 * (speed / turbulence.gust_length)
+    spin = 2.0 * turbulence.spin**2 * (speed / turbulence.spin_length)
     return jnp.concatenate([jnp.full(3, WIND_DRIFT**2), gust, spin, jnp.zeros(3)])
 
 

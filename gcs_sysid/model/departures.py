@@ -32,7 +32,6 @@ class Departures(NamedTuple):
         gyro_scale: indicated = (1 + scale)·true.
         imu_tilt: roll, pitch and yaw of the inertial unit in the airframe [rad].
         imu_position: of the inertial unit from where the file has it [m].
-        attitude_tilt: roll and pitch of the attitude that is told in the airframe [rad].
         heading: indicated less true [rad].
         shear: growth of the steady wind with height [1/s].
     """
@@ -48,7 +47,6 @@ class Departures(NamedTuple):
     gyro_scale: Float[Array, " axis"]
     imu_tilt: Float[Array, " axis"]
     imu_position: Float[Array, " axis"]
-    attitude_tilt: Float[Array, " two"]
     heading: Float[Array, ""]
     shear: Float[Array, ""]
 
@@ -68,7 +66,6 @@ def none(aircraft: Aircraft, changes: int) -> Departures:
         gyro_scale=axes,
         imu_tilt=axes,
         imu_position=axes,
-        attitude_tilt=jnp.zeros(2),
         heading=zero,
         shear=zero,
     )
@@ -103,12 +100,6 @@ def sheared(
 def turned(unit: Float[Array, " axis"], by: Departures) -> Float[Array, " axis"]:
     """A vector of the airframe as the inertial unit sees it."""
     return frames.unrotate(frames.quaternion_from_euler(by.imu_tilt), unit)
-
-
-def told(attitude: Float[Array, " four"], by: Departures) -> Float[Array, " four"]:
-    """The attitude that is told where the airframe has another: level is where somebody said so."""
-    tilt = frames.quaternion_from_euler(jnp.append(by.attitude_tilt, 0.0))
-    return frames.multiply(attitude, tilt)
 
 
 def centre(aircraft: Aircraft, by: Departures | None) -> Float[Array, " axis"]:

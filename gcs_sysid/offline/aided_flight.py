@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.model import actuators, air, runge_kutta
+from gcs_sysid.model import actuators, aided, air, runge_kutta
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
@@ -140,7 +140,7 @@ def prepare(
         density=np.interp(time, states.time, data.density),
         height=np.interp(time, states.time, data.height),
         climbed=np.interp(time, states.time, data.height - data.height[0]),
-        airspeed=np.interp(time, states.time, states.airspeed),
+        passing=np.interp(time, states.time, _passing(states)),
         gyro=_spread(data.gyro, kept, time.size),
         accelerometer=_spread(data.accelerometer, kept, time.size),
         inertial=_flags(kept, time.size),
@@ -150,6 +150,11 @@ def prepare(
     nominal = _nominal(states, time)
     first = jax.tree.map(lambda part: part[0], nominal)
     return Flight(rows, nominal, Beginning(first, jnp.diag(jnp.asarray(START_DEVIATION) ** 2)))
+
+
+def _passing(states: Reconstruction) -> Float[np.ndarray, " sample"]:
+    """Speed through the steady wind, without the gusts that it carries [m/s]."""
+    return np.linalg.norm(states.block("velocity") - states.block("wind"), axis=1)
 
 
 def kept_rows(states: Reconstruction) -> np.ndarray:
@@ -186,7 +191,7 @@ def first_unknowns(
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     sensors = Sensors(
         *(jnp.asarray(bias), jnp.asarray(force), zero, zero, pair, pair),
-        *(zero, zero, zero, zero, zero, zero),
+        *(zero, zero, zero, zero, zero, zero, pair),
     )
     noise = _first_noise(flight.rows, aircraft, states)
     # Of one type from the beginning: numbers that only seem to be of float64 compile it all twice.
@@ -276,6 +281,7 @@ def beliefs(
         velocity_delay=jnp.asarray(0.1),
         attitude_delay=jnp.asarray(0.05),
         vane_delay=jnp.asarray(0.05 * flow),
+        attitude_tilt=jnp.full(2, aided.ATTITUDE_TILT),
     )
     wide = jax.tree.map(lambda value: jnp.full_like(value, 2.0), first.log_noise)
     span = aircraft.geometry.wing_span

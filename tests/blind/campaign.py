@@ -166,6 +166,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--again", action="store_true", help="repeat what is finished")
     parser.add_argument("--keep", action="store_true", help="leave the flights there too")
+    parser.add_argument("--save", action="store_true", help="keep the tables for the README")
     parser.add_argument("--out", type=Path, default=Path("out/campaign"))
     return parser
 

@@ -47,7 +47,7 @@ def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
     """Everything at its true value but the derivatives, which are `scale` times theirs."""
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     lag = jnp.asarray(airspeed_lag)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, lag, pair, pair, *[zero] * 6)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, lag, pair, pair, *[zero] * 6, pair)
     values = rigid_body.parameters(AIRCRAFT).aerodynamics
     scaled = {
         name: {key: scale * value for key, value in terms.items()} for name, terms in values.items()
@@ -168,7 +168,7 @@ def empty(elevator: np.ndarray) -> Row:
         density=np.full(COUNT, 1.2),
         height=np.full(COUNT, 100.0),
         climbed=np.full(COUNT, 0.0),
-        airspeed=np.full(COUNT, 17.0),
+        passing=np.full(COUNT, 17.0),
         gyro=np.zeros((COUNT, 3)),
         accelerometer=np.zeros((COUNT, 3)),
         inertial=np.ones(COUNT, dtype=bool),

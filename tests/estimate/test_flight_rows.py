@@ -42,13 +42,13 @@ def test_the_stretch_holds_the_command(flight: flight_rows.Flight) -> None:
 def test_stretches_differ_by_half_and_the_liveliest_is_first(flight: flight_rows.Flight) -> None:
     size = flight.rows.step.shape[0]
     numbered = flight_rows.Flight(
-        flight.rows._replace(airspeed=np.arange(size, dtype=float)),
+        flight.rows._replace(passing=np.arange(size, dtype=float)),
         flight.nominal,
         flight.beginning,
     )
     length = size // 5
     parts = list(flight_rows.busy(numbered, np.ones(size, dtype=bool), length))
-    begins = np.array([int(part.rows.airspeed[0]) for part, _ in parts])
+    begins = np.array([int(part.rows.passing[0]) for part, _ in parts])
     assert len(parts) >= 5
     assert np.diff(np.sort(begins)).min() >= length // 2
     moved = [np.ptp(np.asarray(part.rows.controls)[:, 0, 0]) > 0.0 for part, _ in parts]

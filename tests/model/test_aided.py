@@ -68,7 +68,7 @@ NOISE = Noise(
 
 def means(aircraft: Aircraft) -> Means:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6, pair)
     return Means(rigid_body.parameters(aircraft).aerodynamics, sensors)
 
 
@@ -107,7 +107,7 @@ def row(step: float) -> Row:
         density=jnp.asarray(1.2),
         height=jnp.asarray(100.0),
         climbed=jnp.asarray(0.0),
-        airspeed=jnp.asarray(SPEED),
+        passing=jnp.asarray(SPEED),
         gyro=jnp.zeros(3),
         accelerometer=jnp.zeros(3),
         inertial=jnp.asarray(True),
@@ -373,3 +373,17 @@ def test_moments_that_lag_turn_the_aircraft_as_much_later() -> None:
     # What is left out is of second order in the lag over the roll mode's time.
     assert np.abs(delayed[int(lag / step) :] - shifted).max() < 0.05 * change
     assert np.abs(delayed - turned).max() > 0.1 * change
+
+
+def test_a_tilted_attitude_tells_more_roll_and_pitch() -> None:
+    """Of the airframe, wherever it flies to: rolled it is roll, with wings level pitch."""
+    none = means(STONE).sensors
+    both = none._replace(attitude_tilt=jnp.array([0.01, 0.02]))
+    alone = none._replace(attitude_tilt=jnp.array([0.01, 0.0]))
+    for heading in (0.4, 2.9):
+        level = frames.quaternion_from_euler(jnp.array([0.0, 0.1, heading]))
+        shown = frames.euler_from_quaternion(aided.told(level, both))
+        np.testing.assert_allclose(shown, [0.01, 0.12, heading], atol=1e-12)
+        rolled = frames.quaternion_from_euler(jnp.array([0.6, 0.0, heading]))
+        shown = frames.euler_from_quaternion(aided.told(rolled, alone))
+        np.testing.assert_allclose(shown, [0.61, 0.0, heading], atol=1e-12)

@@ -86,19 +86,6 @@ def test_a_thrust_that_points_up_lifts() -> None:
     assert abs(force[0]) < 0.1 * abs(force[2])
 
 
-def test_a_tilted_attitude_tells_more_roll_and_pitch() -> None:
-    """Of the airframe, wherever it flies to: rolled it is roll, with wings level pitch."""
-    by = NONE._replace(attitude_tilt=jnp.array([0.01, 0.02]))
-    for heading in (0.4, 2.9):
-        level = frames.quaternion_from_euler(jnp.array([0.0, 0.1, heading]))
-        shown = frames.euler_from_quaternion(departures.told(level, by))
-        np.testing.assert_allclose(shown, [0.01, 0.12, heading], atol=1e-12)
-        rolled = frames.quaternion_from_euler(jnp.array([0.6, 0.0, heading]))
-        alone = by._replace(attitude_tilt=jnp.array([0.01, 0.0]))
-        shown = frames.euler_from_quaternion(departures.told(rolled, alone))
-        np.testing.assert_allclose(shown, [0.61, 0.0, heading], atol=1e-12)
-
-
 def test_shear_blows_along_the_wind_and_grows_with_height() -> None:
     by = NONE._replace(shear=jnp.asarray(0.05))
     wind = jnp.array([3.0, 4.0, 0.0])

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft, StreamTiming
+from gcs_sysid.model.aided import ATTITUDE_TILT
 
 SENSORS = {
     "gyro_bias": float(np.radians(0.3)),
@@ -23,11 +24,15 @@ SENSORS = {
     "velocity_delay": 0.02,
     "attitude_delay": 0.01,
     "vane_delay": 0.001,
+    "attitude_tilt": ATTITUDE_TILT,
 }
 """Ordinary errors of sensors and streams, SI and radians."""
 AIRSPEED_SCALE = 0.01
 SERVO_DELAY = 0.01
 """Unless the aircraft file says otherwise [1, s]."""
+MASS, INERTIA, THRUST = 0.02, 0.05, 0.05
+"""Of a weighed, swung and measured aircraft, relative: a third of what is worth naming. A file that
+is less sure may well be wrong by more, and that is then what its simulation gets wrong."""
 CG = 0.01
 """Of a weighed centre of gravity [mean chords]."""
 RIGGING = float(np.radians(0.5))
@@ -36,8 +41,6 @@ IMU_PLACE = 0.02
 """Of where the inertial unit sits [m]."""
 IMU_TILT = float(np.radians(0.4))
 """Of how it is mounted [rad]."""
-ATTITUDE_TILT = float(np.radians(0.4))
-"""Of what an autopilot calls level: its trim, and what its filter has wrong for minutes [rad]."""
 GYRO_SCALE = 0.003
 HEADING = 0.02
 """Of a compass that was calibrated [rad]."""
@@ -61,19 +64,19 @@ def ordinary(
     """
     stated = aircraft.pitot.error.scale_sigma
     servo = aircraft.streams.get("SERVO_OUTPUT_RAW", StreamTiming())
+    thrust = max((each.thrust_sigma for each in aircraft.propulsion), default=0.0)
     usual = {f"sensors.{name}": value for name, value in SENSORS.items()}
     usual |= {
         "sensors.airspeed_scale": AIRSPEED_SCALE if stated is None else stated,
         "sensors.airspeed_lag": aircraft.pitot.error.lag_sigma or 0.0,
         "sensors.surface_delay": servo.sigma or SERVO_DELAY,
-        "departures.mass": aircraft.mass.mass_sigma,
-        "departures.inertia": aircraft.mass.inertia_sigma,
+        "departures.mass": min(aircraft.mass.mass_sigma, MASS),
+        "departures.inertia": min(aircraft.mass.inertia_sigma, INERTIA),
         "departures.cg": CG * aircraft.geometry.mean_chord,
-        "departures.thrust": max((each.thrust_sigma for each in aircraft.propulsion), default=0.0),
+        "departures.thrust": min(thrust, THRUST),
         "departures.offset": RIGGING,
         "departures.imu_position": IMU_PLACE,
         "departures.imu_tilt": IMU_TILT,
-        "departures.attitude_tilt": ATTITUDE_TILT,
         "departures.gyro_scale": GYRO_SCALE,
         "departures.heading": HEADING,
         "departures.shear": SHEAR,

@@ -60,7 +60,7 @@ def means(found: Quantities) -> Means:
         for name, model in found.aircraft.aerodynamics.items()
     }
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6)
+    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6, pair)
     return Means(values, sensors, departures.none(found.aircraft, len(found.servos)))
 
 

@@ -1,0 +1,48 @@
+"""A flight as the aided filter reads it, against the truth of a simulated one in gusts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.offline import aided_flight, flight, maneuver_choice
+from gcs_sysid.sources.registry import open_recording
+
+pytestmark = [pytest.mark.shared, pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(shared: Path) -> None:
+    """And not at the airspeed, that a gust from ahead raises without bringing the next one nearer.
+
+    Both are within a few per cent, and it is their difference that is looked at.
+    """
+    folder = shared / "cases" / "clean"
+    aircraft = aircraft_file.load(folder / "aircraft.toml")
+    one = flight.read(
+        folder / "flight.tlog",
+        aircraft,
+        vehicle=None,
+        segments=maneuver_choice.chooser(None, aircraft),
+        delay=None,
+        progress=lambda *_: None,
+    )
+    rows = aided_flight.prepare(one.recording, aircraft, one.reconstruction).rows
+    with np.load(folder / "truth.npz") as file:
+        true = {str(name): file["rows"][:, i] for i, name in enumerate(file["cols"])}
+        late = (int(file["t0_us"]) - open_recording(folder / "flight.tlog").epoch_us) * 1e-6
+    axes = ("north", "east", "down")
+    through = np.stack([true[f"v_{axis}"] - np.median(true[f"wind_{axis}"]) for axis in axes])
+    steady = np.linalg.norm(through, axis=0)
+    time = one.reconstruction.time[0] + np.cumsum(rows.step)
+    inside = (time > time[0] + 5.0) & (time < time[-1] - 5.0)
+    gusty, calm = (
+        np.interp(time, true["t"] + late, speed)[inside] for speed in (true["V"], steady)
+    )
+    passing = np.asarray(rows.passing)[inside]
+    share = np.polyfit(gusty - calm, passing - calm, 1)[0]
+    assert abs(share) < 0.2
+    assert np.std(gusty - calm) > 0.5
+    assert np.std(passing - calm) < 0.5 * np.std(gusty - calm)
