@@ -92,7 +92,7 @@ def diagnosed(
         "gain": {**gains, "free_run": flown_freely.gain(flown, held_out)},
         "detectable": entries.detectable(found.candidates, deviations, sizes),
         "strained": strained,
-        "file_accuracy": best.accuracy,
+        "file_accuracy": best.accuracy if missing is None else missing.accuracy,
         "used": "every measurement, inside the aided filter",
         "maneuvers": summary.maneuvers(flights, held_out),
         "reconstruction": summary.reconstruction(flights[0]),

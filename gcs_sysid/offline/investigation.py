@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
-from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, rank
+from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, likeliest_accuracy, rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
@@ -169,8 +169,6 @@ def investigate(
             standing, question, reached = trial, asking, sizes or reached
         ranked = rank(standing.information, listed, every, needed)
     information, apart, done = standing.information, standing.apart, standing.done
-    for subject, last in zip(question.subjects, done, strict=True):
-        settled.rested(subject, last)
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(done)
@@ -184,6 +182,9 @@ def investigate(
         )
         missing, gained = wider.found(done, missing)
         question = wider
+    # Only now: what finds no rest with the catalogue alone may find it with the missing term.
+    for subject, last in zip(question.subjects, done, strict=True):
+        settled.rested(subject, last)
     return Investigation(
         quantities=question.quantities,
         unknowns=listed,
@@ -378,11 +379,12 @@ class _Question:
     def found(self, done: Sequence[Settled], missing: MissingTerm) -> tuple[MissingTerm, float]:
         """The missing term with flights settled with it, and what it gains."""
         information, apart = self.told(done)
-        accurate = self.listed.as_accurate(missing.accuracy)
+        accuracy = likeliest_accuracy(information, self.listed, (_MISSING,))
+        accurate = self.listed.as_accurate(accuracy)
         under = posterior(information, *accurate.freed((_MISSING,)))
         value, deviation = accurate.along((MISSING,), under.mean, under.covariance)[MISSING]
         gained = gain.gained(information, apart, accurate, (_MISSING,))
-        return replace(missing, value=value, deviation=deviation), gained
+        return replace(missing, value=value, deviation=deviation, accuracy=accuracy), gained
 
 
 def _summed(

@@ -96,6 +96,24 @@ class _Files:
         )
 
 
+def likeliest_accuracy(
+    information: Information, unknowns: Unknowns, causes: Sequence[Candidate]
+) -> float:
+    """What the file's aerodynamics are off by, over the sigmas that it states, with these causes.
+
+    Args:
+        information: of all flights.
+        unknowns: with the file's own sigmas.
+        causes: what is free.
+    """
+    density = [
+        posterior(information, *unknowns.as_accurate(share).freed(causes)).log_evidence
+        + np.log(prior)
+        for share, prior in ACCURACIES.items()
+    ]
+    return tuple(ACCURACIES)[int(np.argmax(density))]
+
+
 class Needed(NamedTuple):
     """Causes of which flights have shown that without them they are far less likely.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, rank
+from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, likeliest_accuracy, rank
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
@@ -157,3 +157,15 @@ def test_sets_without_what_is_needed_have_less_evidence() -> None:
             lower = 0.0 if "airspeed_scale" in one.names else 200.0
             assert one.log_bayes_factor == pytest.approx(before[one.names] - lower)
     assert sum(one.probability for one in held) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("off", "low", "high"), [(0.0, 0.0, 0.25), (STATED, 0.5, 2.0)])
+def test_how_good_the_file_is_with_a_cause_apart(off: float, low: float, high: float) -> None:
+    """A heavier aircraft is no reason to call the rest of the file wrong, where it may be one."""
+    every, random = listed(), np.random.default_rng(3)
+    columns = np.eye(COUNT + 1)[:COUNT] / SEEN
+    wide = columns @ np.concatenate([np.eye(COUNT + 1), every.directions], axis=1)
+    wrong = random.normal(0.0, 1.0, COUNT) * off - 0.3
+    told = information(wide, columns[:, :COUNT] @ wrong + random.standard_normal(COUNT))
+    assert low <= likeliest_accuracy(told, every, EVERY[:1]) <= high
+    assert likeliest_accuracy(told, every, ()) > 2.0

@@ -1,0 +1,36 @@
+"""What is ordinarily wrong, and what is a finding however unsure its file is of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.diagnose.aided import beliefs
+from gcs_sysid.diagnose.catalogue import CAUSES
+
+BRUMBY = Path(__file__).resolve().parents[3] / "data" / "aircraft" / "brumby_mk3.toml"
+NAMES = ("departures.mass", "departures.inertia.0", "departures.thrust", "departures.cg")
+
+
+def unsure(aircraft: Aircraft, share: float) -> Aircraft:
+    body = replace(aircraft.mass, mass_sigma=share, inertia_sigma=share)
+    engines = tuple(replace(one, thrust_sigma=share) for one in aircraft.propulsion)
+    return replace(aircraft, mass=body, propulsion=engines)
+
+
+def test_a_file_that_is_unsure_of_its_body_is_not_excused_by_that() -> None:
+    """Thrust of 0.7 passed for right where a file said 15 %: nothing that matters is ordinary."""
+    found = beliefs.ordinary(NAMES, unsure(aircraft_file.load(BRUMBY), 0.3), vanes=False)
+    for name, sigma in zip(("mass", "inertia", "thrust_scale"), found, strict=False):
+        matters = CAUSES[name].parameters[0].matters
+        assert sigma == pytest.approx(matters / 3.0)
+
+
+def test_a_file_that_is_sure_is_believed() -> None:
+    found = beliefs.ordinary(NAMES, unsure(aircraft_file.load(BRUMBY), 0.01), vanes=False)
+    np.testing.assert_allclose(found[:3], 0.01)
