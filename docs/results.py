@@ -149,6 +149,20 @@ LINES = (
         ),
     ),
     Line(
+        "diagnosis of a dozen blind flights: hidden effects named alone / flights with nothing "
+        "hidden where nobody is accused / sizes that 95 % intervals hold",
+        "97 / 98 / 95 %",
+        tuple(
+            Cell("blind_right", row, "right") for row in ("something", "nothing hidden", "sizes")
+        ),
+    ),
+    Line(
+        "one such diagnosis, 4 min of flight",
+        "3 min",
+        (Cell("blind_right", "seconds", "right"),),
+        " s",
+    ),
+    Line(
         "UMN Thor, a real flight: derivatives whose interval holds the wind tunnel's / that are "
         "known to 25 %",
         "–",

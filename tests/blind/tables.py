@@ -74,7 +74,7 @@ def reliability(
 
 
 def one_by_one(results: Sequence[Result]) -> None:
-    """Print a line for each flight."""
+    """Print a line for each flight, and how many were right."""
     rows = [
         (
             result.draw.index,
@@ -96,6 +96,21 @@ def one_by_one(results: Sequence[Result]) -> None:
         "Blind flights: what was hidden and what was said",
         (*columns, "size off [sd]", "s"),
         rows,
+    )
+    flown = [result for result in results if not result.departed]
+    hidden = [result for result in flown if result.draw.cause != "none"]
+    clean = [result for result in flown if result.draw.cause == "none"]
+    sizes = [one for result in hidden for one in result.score.sizes]
+    _show(
+        "blind_right",
+        "Blind flights: how many of them were answered right",
+        ("flights", "right"),
+        [
+            ("something hidden, named alone", _of(result.score.alone for result in hidden)),
+            ("nothing hidden, nobody accused", _of(result.score.alone for result in clean)),
+            ("sizes that their 95 % intervals hold", _of(one.inside for one in sizes)),
+            ("seconds, median", f"{np.median([result.seconds for result in flown]):.0f}"),
+        ],
     )
 
 
@@ -243,6 +258,11 @@ def _show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence
     """A table, unless there is nothing in it."""
     if rows:
         table.show(name, title, columns, rows)
+
+
+def _of(each: Iterable[bool]) -> str:
+    listed = list(each)
+    return f"{sum(listed)} of {len(listed)}"
 
 
 def _share(results: Iterable[Result], of: Callable[[Score], bool]) -> str:
