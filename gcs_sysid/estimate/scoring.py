@@ -114,8 +114,7 @@ class Scored:
         inner = np.linalg.inv((self.curvature.slope / factor + self.precision) / unit)
         found = inner @ (scatter / unit) @ inner.T / unit
         for lag in np.flatnonzero(_marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
-            along = found[:, lag] / found[lag, lag]
-            found = found + TIMING**2 * np.outer(along, along)
+            found = timed(found, int(lag))
         return found if self.ended else _doubted(found, self.precision, 1.0 + self.moving**2)
 
 
@@ -246,6 +245,15 @@ def _promising(hoped: float, gained: float, moving: float) -> bool:
     """
     lost = moving >= ASTRAY and gained < KEPT_PROMISE * hoped
     return hoped >= RENEWED and not lost
+
+
+def timed(covariance: Float[np.ndarray, "row row"], lag: int) -> Float[np.ndarray, "row row"]:
+    """A covariance with the lag of the moments in row `lag` known to `TIMING` at best.
+
+    And all that goes with it accordingly.
+    """
+    along = covariance[:, lag] / covariance[lag, lag]
+    return covariance + TIMING**2 * np.outer(along, along)
 
 
 def _doubted(

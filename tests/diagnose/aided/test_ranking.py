@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, likeliest_accuracy, rank
+from gcs_sysid.diagnose.aided.ranking import LAG, NONE_NEEDED, Needed, likeliest_accuracy, rank
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
 from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.estimate import scoring
 
 COUNT, STATED, SEEN = 15, 0.1, 0.02
 """Derivatives of an aircraft, what its file says they may be off by, and how well a flight knows
@@ -169,3 +170,28 @@ def test_how_good_the_file_is_with_a_cause_apart(off: float, low: float, high: f
     told = information(wide, columns[:, :COUNT] @ wrong + random.standard_normal(COUNT))
     assert low <= likeliest_accuracy(told, every, EVERY[:1]) <= high
     assert likeliest_accuracy(told, every, ()) > 2.0
+
+
+def test_what_hangs_on_the_lag_of_the_moments_is_not_known_better_than_it_can_be_timed() -> None:
+    """A size that moves by a fifth with ten milliseconds of lag is never known to a thousandth."""
+    names = ("departures.thrust", LAG)
+    every = unknowns.of_flights(
+        names,
+        np.array([0.02, 0.01]),
+        {"thrust": {"departures.thrust": 1.0}},
+        {"thrust": 1e-3},
+        {"": 1.0},
+        1,
+        np.zeros(2),
+    )
+    columns = np.array([[1.0, 20.0], [1.0, -20.0], [0.0, 20.0]]) / 1e-4
+    wide = columns @ np.concatenate([np.eye(2), every.directions], axis=1)
+    columns_off = columns @ np.array([-0.3, 0.0])
+    told = information(wide, columns_off)
+    [[estimate]] = rank(told, every, EVERY[1:])[0].estimates
+    assert estimate.deviation < 1e-3
+    leaning = np.array([[1.0, 20.0], [0.0, 1.0]]) / np.array([[1e-4], [1e-4]])
+    wide = leaning @ np.concatenate([np.eye(2), every.directions], axis=1)
+    told = information(wide, leaning @ np.array([-0.3, 0.0]))
+    [[estimate]] = rank(told, every, EVERY[1:])[0].estimates
+    assert estimate.deviation == pytest.approx(20.0 * scoring.TIMING, rel=0.05)
