@@ -96,7 +96,9 @@ def gain(
 ) -> dict[str, Any]:
     """How much better what took no part is foretold.
 
-    Errors of coefficients are in percent of the measured spread, one by one and their mean.
+    Errors of coefficients are in percent of the measured spread, one by one and their mean. One
+    sigma of a gain by leaving out one stretch of `STRETCH` seconds after the other (Efron & Stein,
+    Annals of Statistics 9, 1981): errors that are near each other in time go together.
 
     Args:
         rows: residuals, see `table`.
@@ -110,20 +112,26 @@ def gain(
     for label in ("before", "after"):
         shares = [100.0 * _share(rows, name, label, judged) for name in COEFFICIENTS]
         out[f"holdout_error_{label}"] = float(np.mean(shares)) if judged.any() else float("nan")
-    return {**out, "channels": channels(rows, judged) if judged.any() else {}}
+    if not judged.any():
+        return {**out, "channels": {}}
+    parts = _parts(rows, judged)
+    apart = np.mean([_gains(*part)[1] for part in parts.values()], axis=0)
+    return {
+        **out,
+        "holdout_error_gained_sd": _jackknife(apart),
+        "channels": {name: left_out(*part) for name, part in parts.items()},
+    }
 
 
-def channels(
-    rows: Mapping[str, np.ndarray], judged: Bool[np.ndarray, " sample"]
-) -> dict[str, dict[str, float]]:
-    """Error of each coefficient in percent of its measured spread, and what putting right gains.
+_Part = tuple[dict[str, np.ndarray], np.ndarray, float]
+"""Of a channel, what `left_out` asks for."""
 
-    One sigma of the gain by leaving out one stretch of `STRETCH` seconds after the other (Efron &
-    Stein, Annals of Statistics 9, 1981): errors that near each other in time go together.
-    """
+
+def _parts(rows: Mapping[str, np.ndarray], judged: Bool[np.ndarray, " sample"]) -> dict[str, _Part]:
+    """Squared errors of each coefficient stretch by stretch, in percent of its measured spread."""
     stretch = np.floor(rows["t"][judged] / STRETCH)
     _, place = np.unique(np.stack([rows["flight"][judged], stretch]), axis=1, return_inverse=True)
-    count = np.bincount(place.ravel())
+    count = np.bincount(place.ravel()).astype(float)
     out = {}
     for name in COEFFICIENTS:
         spread = max(float(np.std(rows[f"{name}_measured"][judged])), 1e-12)
@@ -131,7 +139,7 @@ def channels(
             label: np.bincount(place.ravel(), weights=rows[f"{name}_{label}"][judged] ** 2)
             for label in ("before", "after")
         }
-        out[name] = left_out(squares, count, 100.0 / spread)
+        out[name] = (squares, count, 100.0 / spread)
     return out
 
 
@@ -147,15 +155,28 @@ def left_out(
         count: errors in each part.
         unit: factor on the results.
     """
+    errors, apart = _gains(squares, count, unit)
+    gained = errors["before"] - errors["after"]
+    return {**errors, "gained": gained, "gained_sd": _jackknife(apart)}
+
+
+def _gains(
+    squares: Mapping[str, Float[np.ndarray, " part"]],
+    count: Float[np.ndarray, " part"],
+    unit: float,
+) -> tuple[dict[str, float], Float[np.ndarray, " part"]]:
+    """Root mean square before and after, and what is gained without each part."""
     errors, without = {}, {}
     for label, each in squares.items():
         errors[label] = unit * float(np.sqrt(each.sum() / count.sum()))
         rest = (each.sum() - each) / np.maximum(count.sum() - count, 1)
         without[label] = unit * np.sqrt(np.maximum(rest, 0.0))
-    apart = without["before"] - without["after"]
-    variance = (count.size - 1) / count.size * np.sum((apart - apart.mean()) ** 2)
-    gained = errors["before"] - errors["after"]
-    return {**errors, "gained": gained, "gained_sd": float(np.sqrt(variance))}
+    return errors, without["before"] - without["after"]
+
+
+def _jackknife(apart: Float[np.ndarray, " part"]) -> float:
+    """One sigma of what is gained, by what is gained without each part."""
+    return float(np.sqrt((apart.size - 1) / apart.size * np.sum((apart - apart.mean()) ** 2)))
 
 
 def paid(gains: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -130,6 +130,9 @@ def _gained(gain: Mapping) -> str:
     before, after = gain["holdout_error_before"], gain["holdout_error_after"]
     if before != after:
         words = f"error on what took no part {number(before)} % before, {number(after)} % after"
+        if "holdout_error_gained_sd" in gain:
+            sure = _SIGMAS * gain["holdout_error_gained_sd"]
+            words += f", a gain of {plus_minus(before - after, sure)} % (± 95 %)"
         return f"{words}{_gained_in_flight(gain)}."
     nats = gain["holdout_nlpd_before"] - gain["holdout_nlpd_after"]
     return (
@@ -277,15 +280,15 @@ def _times(nats: float) -> str:
 
 def _gain(summary: Mapping) -> Table:
     gain = summary["gain"]
-    before, after = gain["holdout_nlpd_before"], gain["holdout_nlpd_after"]
+    before, after = gain["holdout_error_before"], gain["holdout_error_after"]
+    density = [gain[f"holdout_nlpd_{when}"] for when in ("before", "after")]
+    sure = gain.get("holdout_error_gained_sd")
+    gained = number(before - after) if sure is None else plus_minus(before - after, _SIGMAS * sure)
     return Table(
         ("held out", "before", "after", "gained"),
-        tuple(
-            (name, number(one), number(other), number(one - other))
-            for name, one, other in (
-                ("error, %", gain["holdout_error_before"], gain["holdout_error_after"]),
-                ("nlpd, nat a measurement", before, after),
-            )
+        (
+            ("error, %", number(before), number(after), gained),
+            ("nlpd, nat a measurement", *map(number, density), number(density[0] - density[1])),
         ),
     )
 

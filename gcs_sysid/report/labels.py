@@ -31,14 +31,15 @@ _MEANING = {
 GOOD = 0.90
 USABLE = 0.70
 _GRADES = (
-    (0.95, "excellent"),
+    (0.99, "excellent"),
     (GOOD, "good"),
     (USABLE, "usable"),
     (0.0, "weak"),
 )
-"""Grades by the share of variance explained on held-out maneuvers; 0.95 to 0.99 for forces and
-pitching moment, 0.90 to 0.98 for rolling and yawing moment is what manned and subscale research
-flights with flow vanes reach (Klein and Morelli 2006, "Aircraft System Identification")."""
+"""Grades by the share of variance explained on held-out maneuvers, 0.99 being an error of 10 %.
+Manned and subscale research flights with flow vanes reach 0.95 to 0.99 for forces and pitching
+moment, 0.90 to 0.98 for rolling and yawing moment (Klein and Morelli 2006, "Aircraft System
+Identification")."""
 
 
 def coefficient(name: str) -> Markup:

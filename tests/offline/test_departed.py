@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.offline import departed
 
 
@@ -32,3 +33,26 @@ def test_what_changes_nothing_gains_nothing() -> None:
     found = departed.left_out(squares, np.full(3, 10.0), 1.0)
     assert found["gained"] == 0.0
     assert found["gained_sd"] == 0.0
+
+
+@pytest.mark.parametrize(("alike", "share"), [(True, 1.0), (False, 6.0**-0.5)])
+def test_the_mean_gain_of_six_coefficients_has_their_common_scatter(
+    alike: bool, share: float
+) -> None:
+    """Errors that come together do not average out; independent ones do, by √6."""
+    rng, count = np.random.default_rng(8), 40000
+    stretches = np.arange(count) // 20
+    rows = {
+        "t": np.arange(count) * departed.STRETCH / 20.0,
+        "flight": np.zeros(count),
+        "maneuver": np.ones(count),
+    }
+    for index, name in enumerate(COEFFICIENTS):
+        draws = np.random.default_rng(0 if alike else index)
+        loud = draws.uniform(0.5, 2.0, stretches[-1] + 1)[stretches]
+        rows[f"{name}_measured"] = rng.normal(0.0, 1.0, count)
+        rows[f"{name}_before"], rows[f"{name}_after"] = loud, 0.5 * loud
+    found = departed.gain(rows, [1], before=0.0, gained=0.1)
+    each = float(np.mean([one["gained_sd"] for one in found["channels"].values()]))
+    assert each > 0.0
+    assert found["holdout_error_gained_sd"] == pytest.approx(share * each, rel=0.1)

@@ -52,6 +52,13 @@ def test_a_gain_in_free_flight_that_is_not_sure_is_not_told() -> None:
     assert "freely" not in gain({})
 
 
+def test_the_gain_of_coefficients_has_an_interval() -> None:
+    told = summary({})
+    told["gain"]["holdout_error_gained_sd"] = 0.5
+    text = next(item.text for item in diagnose.findings(told) if item.topic == "Gain")
+    assert "a gain of 3.40 ± 0.98 % (± 95 %)" in text
+
+
 NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}
 
 

@@ -29,7 +29,7 @@ def test_only_coefficients_get_subscripts_and_all_is_escaped() -> None:
 
 @pytest.mark.parametrize(
     ("r2", "word"),
-    [(0.97, "excellent"), (0.9, "good"), (0.7, "usable"), (0.1, "weak"),
+    [(0.992, "excellent"), (0.97, "good"), (0.9, "good"), (0.7, "usable"), (0.1, "weak"),
      (-0.2, "worse than a constant"), (None, ""), (float("nan"), "")],
 )  # fmt: skip
 def test_grades(r2: float | None, word: str) -> None:
