@@ -102,6 +102,10 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
     document["sensor"]["airspeed_scale"] = Estimate(
         float(sensors.airspeed_scale), float(sure.airspeed_scale), "1"
     ).document()
+    for index, axis in enumerate(("roll", "pitch")):
+        document["sensor"][f"attitude_{axis}_tilt"] = Estimate(
+            float(sensors.attitude_tilt[index]), float(sure.attitude_tilt[index]), "rad"
+        ).document()
     lag = flight.aircraft.pitot.error.lag + float(sensors.airspeed_lag)
     document["sensor"]["airspeed_lag"] = Estimate(lag, float(sure.airspeed_lag), "s").document()
     used = flight.reconstruction.data.used
