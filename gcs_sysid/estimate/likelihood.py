@@ -205,65 +205,6 @@ def scores(
     return np.concatenate(blocks)
 
 
-class Quadratic(NamedTuple):
-    """The log-likelihood about a point: its slope, and Fisher's information.
-
-    Attributes:
-        information: of all unknowns.
-        score: likewise.
-    """
-
-    information: Float[np.ndarray, "unknown unknown"]
-    score: Float[np.ndarray, " unknown"]
-
-
-def quadratic(
-    model: FlightModel,
-    means: Means,
-    log_noise: Noise,
-    path: Path,
-    counts: Bool[np.ndarray, " sample"],
-    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]],
-    sizes: Float[np.ndarray, " parameter"],
-) -> tuple[Quadratic, Quadratic]:
-    """What the rows that count say of all unknowns, and what the others say.
-
-    Args:
-        model: the aircraft.
-        means: parameters of the mean.
-        log_noise: log intensities.
-        path: that the filter predicts with them.
-        counts: rows of the first.
-        free: as for `instruments`.
-        sizes: likewise.
-    """
-    found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
-    size = found.size + noises.size
-    asked = (path, found, noises, sizes[found], np.arange(size))
-    change = _Asked(model, means, log_noise, *asked)
-    about = intensities.lined(model, means, path, log_noise)
-    pairs = _pairs(aided.ROW_COUNT)
-    weight, start, first = np.sqrt(0.5 * pairs[2]), path.start, 0
-    sums = [(np.zeros((size, size)), np.zeros(size)) for _ in range(2)]
-    for chunk, rows, still in zip(path.chunks, *about[1:], strict=True):
-        end, done = linear_filter.run(start, rows)
-        part = counts[first : first + chunk.row.step.size]
-        every = np.arange(chunk.row.step.size) < part.size
-        changed, _ = change.chunk(chunk, start, rows, done, still, every)
-        white = np.asarray(done.whitened)
-        excess = weight * (white[:, pairs[0]] * white[:, pairs[1]] - (pairs[0] == pairs[1]))
-        mine = np.zeros_like(every)
-        mine[: part.size] = part
-        for (information, score), chosen in zip(sums, (mine, every & ~mine), strict=True):
-            mean = _flat(changed.innovation[:, chosen])
-            spread = _flat(changed.spread[:, chosen] * weight)
-            information += mean @ mean.T + spread @ spread.T
-            score += spread @ excess[chosen].ravel() - mean @ white[chosen].ravel()
-        start, first = end, first + part.size
-    mine, others = (Quadratic(*each) for each in sums)
-    return mine, others
-
-
 class _Asked:
     """What unknowns change, chunk after chunk of one flight.
 

@@ -31,7 +31,6 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.settled import Subject
-from gcs_sysid.reconstruct.causal import Told
 
 ROUNDS = 3
 """Favourites that are put to the test."""
@@ -341,11 +340,7 @@ class _Question:
 
     def told(self, done: Sequence[Settled]) -> tuple[Information, Information]:
         """What all flights say by what was fitted, and by what was not."""
-        parts = [
-            settled.likely(self.model, one, own, last)
-            for one, own, last in zip(self.subjects, self.before, done, strict=True)
-        ]
-        return _summed(self.listed, self.before, done, parts)
+        return _summed(self.listed, self.before, done)
 
     def missing(self, done: Sequence[Settled]) -> tuple[MissingTerm | None, float]:
         """A term that nothing listed stands for, and what it gains on what took no part."""
@@ -357,9 +352,7 @@ class _Question:
             for one, last in zip(self.subjects, done, strict=True)
         ]
         stretched = [settled.stretched(own, len(more)) for own in self.before]
-        # Of so many terms the likelihood itself would take minutes.
-        held = [(one.last.told, one.last.apart) for one in wide]
-        fitted, apart = _summed(listed, stretched, wide, held)
+        fitted, apart = _summed(listed, stretched, wide)
         samples = self.subjects[0].one.samples
         sigma = unlisted.sizes(products, samples.regressors, samples.measured)
         missing = unlisted.strongest(fitted, apart, listed, products, sigma)
@@ -395,15 +388,12 @@ class _Question:
 
 
 def _summed(
-    listed: Unknowns,
-    before: Sequence[Beliefs],
-    done: Sequence[Settled],
-    told: Sequence[tuple[Told, Told]],
+    listed: Unknowns, before: Sequence[Beliefs], done: Sequence[Settled]
 ) -> tuple[Information, Information]:
     """What all flights say by what was fitted, and by what was not."""
     parts = [
-        settled.told(listed, number, own, one, both)
-        for number, (own, one, both) in enumerate(zip(before, done, told, strict=True))
+        settled.told(listed, number, own, one)
+        for number, (own, one) in enumerate(zip(before, done, strict=True))
     ]
     fitted, apart = parts[0]
     for more, others in parts[1:]:

@@ -22,7 +22,7 @@ from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
-from gcs_sysid.estimate import flight_rows, settled_likelihood, settling
+from gcs_sysid.estimate import flight_rows, settling
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model import departures
@@ -31,7 +31,6 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.reconstruct import aided_smoother, causal
-from gcs_sysid.reconstruct.causal import Told
 
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
@@ -198,15 +197,8 @@ def rested(subject: Subject, done: Settled) -> None:
         )
 
 
-def likely(
-    model: FlightModel, subject: Subject, before: Beliefs, done: Settled
-) -> tuple[Told, Told]:
-    """What the likelihood of a settled flight says, of what was fitted and of what was not."""
-    return settled_likelihood.told(model, subject.first.means, done, before)
-
-
 def told(
-    unknowns: Unknowns, number: int, before: Beliefs, done: Settled, parts: tuple[Told, Told]
+    unknowns: Unknowns, number: int, before: Beliefs, done: Settled
 ) -> tuple[Information, Information]:
     """What a flight says of all unknowns by what was fitted, and by what was not.
 
@@ -215,7 +207,7 @@ def told(
     """
     share = 1.0 / settling.scatter(done, before)
     both = []
-    for part in parts:
+    for part in (done.last.told, done.last.apart):
         score = part.score + part.matrix @ (done.values - before.mean)
         both.append(of_flight(unknowns, number, part.matrix, score, part.count).weighed(share))
     return both[0], both[1]

@@ -116,27 +116,6 @@ def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
     assert jnp.isfinite(both[0]).all()
 
 
-def test_slope_and_information_without_instruments_kept(path, asked) -> None:
-    """As with instruments, and rows that count and others add up to all."""
-    free = np.arange(FLAT.size) < DERIVATIVES + 7, np.ones(LOGS.size, dtype=bool)
-    free[1][-1] = False
-    third = np.arange(made.COUNT) < made.COUNT // 3
-    sizes = np.full(FLAT.size, 1e-4)
-    mine, others = likelihood.quadratic(made.MODEL, *KNOWN, path, third, free, sizes)
-    _, steps = run(FLAT, LOGS, path, times=1)
-    white = np.concatenate([done.whitened for done in steps])
-    size = np.sqrt(np.diagonal(asked.curvature.information))
-    np.testing.assert_allclose(
-        (mine.information + others.information) / np.outer(size, size),
-        asked.curvature.information / np.outer(size, size),
-        atol=1e-4,
-    )
-    both = (mine.score + others.score) / size
-    np.testing.assert_allclose(both, likelihood.scores(asked, white).sum(axis=0) / size, atol=1e-3)
-    assert np.all(np.diagonal(mine.information)[:DERIVATIVES] > 0.0)
-    assert np.all(np.diagonal(mine.information) < np.diagonal(asked.curvature.information))
-
-
 def test_asked_at_held_gains_it_is_the_estimating_equation(path, asked) -> None:
     """Sums and their scatter are those of `causal.passed`; they move by Jᵀ T."""
     free = np.arange(FLAT.size) < DERIVATIVES, np.zeros(LOGS.size, dtype=bool)
