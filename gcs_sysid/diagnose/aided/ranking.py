@@ -29,6 +29,9 @@ from gcs_sysid.diagnose.hypothesis import (
 )
 from gcs_sysid.estimate import scoring
 
+LAG = "sensors.moment_lag"
+"""What a flight times no better than `scoring.TIMING`, however well it fits: an inertia in roll
+hangs on it by 2 % a millisecond."""
 LISTED = 40
 """Sets of several causes beyond the most probable of this number are not looked at any further."""
 PAIRED = 12
@@ -56,11 +59,6 @@ class _Tried:
     candidate: Candidate
     evidence: Float[np.ndarray, " accuracy"]
     place: tuple[float, float] | None
-
-
-LAG = "sensors.moment_lag"
-"""What a flight times no better than `scoring.TIMING`, however well it fits: an inertia in roll
-hangs on it by 2 % a millisecond."""
 
 
 @dataclass(frozen=True)
@@ -257,8 +255,9 @@ def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> R
     causes = tuple(one.candidate for one in chosen.causes)
     sigma, mean = own.freed(causes)
     found = posterior(data, sigma, mean)
-    for lag in np.flatnonzero([name == LAG and sigma[i] > 0.0 for i, name in enumerate(own.names)]):
-        found = replace(found, covariance=scoring.timed(found.covariance, int(lag)))
+    if LAG in own.names and sigma[own.names.index(LAG)] > 0.0:
+        late = scoring.timed(found.covariance, own.names.index(LAG))
+        found = replace(found, covariance=late)
     names = [name for one in causes for name in one.frees]
     moved = own.along(names, found.mean, found.covariance)
     possible = 0.0

@@ -184,14 +184,14 @@ def test_what_hangs_on_the_lag_of_the_moments_is_not_known_better_than_it_can_be
         1,
         np.zeros(2),
     )
-    columns = np.array([[1.0, 20.0], [1.0, -20.0], [0.0, 20.0]]) / 1e-4
-    wide = columns @ np.concatenate([np.eye(2), every.directions], axis=1)
-    columns_off = columns @ np.array([-0.3, 0.0])
-    told = information(wide, columns_off)
-    [[estimate]] = rank(told, every, EVERY[1:])[0].estimates
-    assert estimate.deviation < 1e-3
-    leaning = np.array([[1.0, 20.0], [0.0, 1.0]]) / np.array([[1e-4], [1e-4]])
-    wide = leaning @ np.concatenate([np.eye(2), every.directions], axis=1)
-    told = information(wide, leaning @ np.array([-0.3, 0.0]))
-    [[estimate]] = rank(told, every, EVERY[1:])[0].estimates
-    assert estimate.deviation == pytest.approx(20.0 * scoring.TIMING, rel=0.05)
+
+    def deviation(rows: list[list[float]]) -> float:
+        columns = np.array(rows) / 1e-4
+        wide = columns @ np.concatenate([np.eye(2), every.directions], axis=1)
+        told = information(wide, columns @ np.array([-0.3, 0.0]))
+        [[estimate]] = rank(told, every, EVERY[1:])[0].estimates
+        return estimate.deviation
+
+    alone, leaning = [[1.0, 0.0], [0.0, 1.0]], [[1.0, 20.0], [0.0, 1.0]]
+    assert deviation(alone) < 1e-3
+    assert deviation(leaning) == pytest.approx(20.0 * scoring.TIMING, rel=0.05)
