@@ -92,12 +92,13 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     found = [Finding("Verdict", _said(summary))]
     found += [Finding("Cause", _sentence(text)) for text in summary["explanation"]]
     best = summary["ranking"][0]
-    if best["parameters"] and summary["explanation"]:
+    named = summary["explanation"] or summary["verdict"] == "unlisted_effect"
+    if best["parameters"] and named:
         found.append(Finding("Size", _parameters(best) + " (± 95 %)."))
     if summary["separating_maneuver"]:
         found.append(Finding("Fly next", _sentence(summary["separating_maneuver"])))
     gain = summary["gain"]
-    if summary["explanation"]:
+    if named:
         found.append(Finding("Gain", _gained(gain)))
     if summary.get("perhaps"):
         found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))

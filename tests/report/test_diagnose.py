@@ -59,6 +59,17 @@ def test_the_gain_of_coefficients_has_an_interval() -> None:
     assert "a gain of 3.40 ± 0.98 % (± 95 %)" in text
 
 
+def test_a_term_that_no_cause_stands_for_has_a_size_and_a_gain_too() -> None:
+    told = summary({}) | {"verdict": "unlisted_effect", "cause": "unlisted", "explanation": []}
+    told["unlisted"] = {"coefficient": "Cn", "depends_on": ["alpha", "aileron"]}
+    size = {"value": 0.342, "sd": 0.01, "unit": "1"}
+    told["ranking"][0] = {"causes": ["unlisted"], "probability": 1.0, "log_bayes_factor": 500.0,
+                          "parameters": {"Cn.alpha*aileron": size}}  # fmt: skip
+    found = {item.topic: item.text for item in diagnose.findings(told)}
+    assert "0.342 ± 0.020" in found["Size"]
+    assert "22.8 % before, 19.4 % after" in found["Gain"]
+
+
 NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}
 
 
