@@ -155,12 +155,11 @@ def instruments(
         own[asked], turned = changed.innovation[part_of], changed.spread[part_of]
         innovations.append(own)
         spreads.append(turned)
-        flat, every = (_flat(each) for each in (own, changed.innovation))
-        spread = _flat(changed.spread * weight)
-        told = spread @ spread.T
-        scatter += flat @ flat.T
-        scatter[np.ix_(asked, asked)] += told[np.ix_(part_of, part_of)]
+        scatter += _scatter(own, turned, asked)
         if stretch is None:
+            flat, every = (_flat(each) for each in (own, changed.innovation))
+            spread = _flat(changed.spread * weight)
+            told = spread @ spread.T
             slope += flat @ every.T
             slope[asked] += told[part_of]
             information += every @ every.T + told
@@ -203,6 +202,43 @@ def scores(
         blocks.append(each.reshape(-1, causal.BLOCK, size).sum(axis=1))
         begin += count
     return np.concatenate(blocks)
+
+
+def told(
+    asked: Instruments, white: Float[np.ndarray, "sample row"], counts: Bool[np.ndarray, " sample"]
+) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
+    """Scatter of the sums of the rows that count, and the sums.
+
+    Args:
+        asked: instruments of these rows and perhaps of others.
+        white: innovations over the root of their covariance, of every chunk's every row.
+        counts: rows that are summed.
+    """
+    first, second, weight = _pairs(white.shape[1])
+    excess = 0.5 * weight * (white[:, first] * white[:, second] - (first == second))
+    size = asked.by_likelihood.size
+    scatter, sums, begin = np.zeros((size, size)), np.zeros(size), 0
+    for change, spread in zip(asked.innovations, asked.spreads, strict=True):
+        rows = np.flatnonzero(counts[begin : begin + change.shape[1]])
+        own, turned = change[:, rows], spread[:, rows]
+        scatter += _scatter(own, turned, asked.by_likelihood)
+        sums -= _flat(own) @ white[begin + rows].ravel()
+        sums[asked.by_likelihood] += _flat(turned) @ excess[begin + rows].ravel()
+        begin += change.shape[1]
+    return scatter, sums
+
+
+def _scatter(
+    own: Float[np.ndarray, "unknown sample row"],
+    turned: Float[np.ndarray, "asked sample pair"],
+    by_likelihood: Bool[np.ndarray, " unknown"],
+) -> Float[np.ndarray, "unknown unknown"]:
+    """Of the sums of some rows, were innovations independent."""
+    flat = _flat(own)
+    spread = _flat(turned * np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2]))
+    scatter = flat @ flat.T
+    scatter[np.ix_(by_likelihood, by_likelihood)] += spread @ spread.T
+    return scatter
 
 
 class _Asked:

@@ -113,7 +113,7 @@ class Scored:
         unit = np.outer(size, size)
         inner = np.linalg.inv((self.curvature.slope / factor + self.precision) / unit)
         found = inner @ (scatter / unit) @ inner.T / unit
-        for lag in np.flatnonzero(_marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
+        for lag in np.flatnonzero(marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
             found = timed(found, int(lag))
         return found if self.ended else _doubted(found, self.precision, 1.0 + self.moving**2)
 
@@ -187,13 +187,13 @@ def climbed(
     )
     history, ended, moving = [here.log_likelihood], False, np.inf
     derivatives = found < ravel_pytree(like.aerodynamics)[0].size
-    told = ~_marked(like, ONLY_TOGETHER)[found]
+    told = ~marked(like, ONLY_TOGETHER)[found]
     for number in range(SETS):
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
         asked = likelihood.instruments(
             *(model, means, here.log_noise, here.path, settled.fitted, free, sizes),
-            _marked(like, BY_LIKELIHOOD),
+            marked(like, BY_LIKELIHOOD),
             stretch=None if stretch is None else (stretch, precision),
         )
         curvature = asked.curvature
@@ -282,7 +282,7 @@ def _damped(
     return matrix + damping * np.diag(np.abs(np.diagonal(matrix)))
 
 
-def _marked(like: Means, sensors: Sequence[str]) -> Bool[np.ndarray, " parameter"]:
+def marked(like: Means, sensors: Sequence[str]) -> Bool[np.ndarray, " parameter"]:
     """Which of all parameters these of the sensors are."""
     none = jax.tree.map(jnp.zeros_like, like)
     ones = dict.fromkeys(sensors, jnp.ones(()))

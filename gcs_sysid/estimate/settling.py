@@ -125,7 +125,6 @@ def settle(
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
     *,
-    near: bool = False,
     rough: bool = False,
 ) -> Settled:
     """Settles a flight.
@@ -137,18 +136,16 @@ def settle(
         beliefs: about everything.
         counts: rows from which the parameters of the mean are taken.
         progress: told about every turn.
-        near: whether `first` and the flight's states are near what is sought.
         rough: whether finer steps follow (`scoring`), so that nothing has to end here.
     """
-    if not near:
-        begun, whole = _begun(model, flight, first, beliefs, counts, progress, rough=rough)
-        if whole:
-            return begun
-        first = Unknowns(_means(first.means, begun.values), begun.log_noise)
+    near, part = begun(model, flight, first, beliefs, counts, progress, rough=rough)
+    if part is flight:
+        return near
+    first = at(near, first.means)
     return _turns(model, flight, first, beliefs, counts, TURNS, progress)
 
 
-def _begun(
+def begun(
     model: FlightModel,
     flight: Flight,
     first: Unknowns,
@@ -156,25 +153,27 @@ def _begun(
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
     *,
-    rough: bool,
-) -> tuple[Settled, bool]:
-    """Where turns on a stretch came to rest, and whether that is all of the flight.
+    rough: bool = False,
+) -> tuple[Settled, Flight]:
+    """Where turns on a stretch came to rest, and the stretch, which may be all of the flight.
 
     Where they do not on the stretch with the most control, another has other gusts, and another
-    way there; where they do on none, the one with the least left to gain.
+    way there; where they do on none, the one with the least left to gain. Arguments are those of
+    `settle`.
     """
-    tried: list[Settled] = []
+    tried: list[tuple[Settled, Flight]] = []
     for part, every, whole in beginnings(flight, counts, progress):
         near = _neared(model, part, first, beliefs, every, progress)
-        begun = _turns(
+        done = _turns(
             *(model, part, near, beliefs, every, FIRST_TURNS, progress),
             oriented=True,
             rough=rough or not whole,
         )
-        if whole or not begun.restless:
-            return begun, whole
-        tried.append(begun)
-    return least_left(tried), False
+        if whole or not done.restless:
+            return done, part
+        tried.append((done, part))
+    best = least_left([done for done, _ in tried])
+    return next(one for one in tried if one[0] is best)
 
 
 def beginnings(
@@ -201,7 +200,7 @@ def rested(
     counts: Bool[np.ndarray, " sample"],
 ) -> Settled:
     """A flight at unknowns that were found otherwise."""
-    path = _path(model, flight, unknowns)
+    path = along(model, flight, unknowns)
     chosen = np.diagonal(beliefs.covariance) > 0.0
     last = causal.passed(model, *unknowns, path, counts, chosen=chosen)
     values = np.asarray(ravel_pytree(unknowns.means)[0])
@@ -236,7 +235,7 @@ def _climbed(
     model: FlightModel, flight: Flight, begun: Unknowns, beliefs: Beliefs
 ) -> tuple[float, Unknowns]:
     """Unknowns with intensities some steps on, and their log-likelihood; −∞ for a lost flight."""
-    path, search = _path(model, flight, begun), Search(begun.log_noise)
+    path, search = along(model, flight, begun), Search(begun.log_noise)
     search = intensities.climbed(model, begun.means, path, beliefs.noise, search, CLIMBED)
     begun = begun._replace(log_noise=search.log_noise)
     steps = causal.filtered(path, causal.joined(model, *begun, path))[2]
@@ -258,7 +257,7 @@ def _approached(
     """
     values = np.asarray(ravel_pytree(first.means)[0])
     free = np.diagonal(beliefs.covariance) > 0.0
-    path, damping, best, astray = _path(model, flight, first), 0.0, None, False
+    path, damping, best, astray = along(model, flight, first), 0.0, None, False
     for turn in range(LONGEST_WAIT):
         means = _means(first.means, values)
         done = causal.passed(model, means, first.log_noise, path, counts, chosen=free)
@@ -276,7 +275,7 @@ def _approached(
     return first._replace(means=_means(first.means, best[1])), astray
 
 
-def _path(model: FlightModel, flight: Flight, unknowns: Unknowns) -> Path:
+def along(model: FlightModel, flight: Flight, unknowns: Unknowns) -> Path:
     """The path that the filter predicts, from one along the nominal flight."""
     path = causal.along(flight.rows, flight.nominal, flight.beginning)
     for _ in range(FORERUNS):
@@ -302,7 +301,7 @@ def _turns(
     rough: bool = False,
 ) -> Settled:
     search = Search(first.log_noise)
-    path = _path(model, flight, first)
+    path = along(model, flight, first)
     values = np.asarray(ravel_pytree(first.means)[0])
     free, ended = np.diagonal(beliefs.covariance) > 0.0, False
     looks, quiet, stale = 2 if oriented else 0, 0, 0
@@ -399,22 +398,22 @@ def _newton(
     response in roll quicker it takes most of it away, and steps would be a fifth of what is
     missing. One update by how the slope has changed since the turn before ends both.
     """
-    root = _root(beliefs.covariance)
+    units = root(beliefs.covariance)
     matrix, score, _ = done.told
-    inner = np.eye(root.shape[1]) + root.T @ matrix @ root
-    at = np.linalg.lstsq(root, values - beliefs.mean, rcond=None)[0]
-    slope = root.T @ score - at
+    inner = np.eye(units.shape[1]) + units.T @ matrix @ units
+    at = np.linalg.lstsq(units, values - beliefs.mean, rcond=None)[0]
+    slope = units.T @ score - at
     if before is not None:
         step, change = at - before.at, before.slope - slope
         expected = step @ inner @ step
         if before.least * expected < step @ change < MOST_CURVED * expected:
             inner = quasi_newton.updated(inner, step, change, least=HALF)
     damped = inner + damping * np.diag(np.diagonal(inner))
-    move = root @ np.linalg.solve(damped, slope)
+    move = units @ np.linalg.solve(damped, slope)
     return move, 0.5 * float(move @ matrix @ move), _Slope(at, slope)
 
 
-def _root(covariance: Float[np.ndarray, "parameter parameter"]) -> np.ndarray:
+def root(covariance: Float[np.ndarray, "parameter parameter"]) -> np.ndarray:
     """Columns whose outer products make the covariance, those of nothing left out."""
     sizes = np.sqrt(np.diagonal(covariance))
     scale = np.where(sizes > 0.0, sizes, 1.0)

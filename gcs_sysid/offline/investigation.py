@@ -8,9 +8,10 @@ stays.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +28,7 @@ from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.unlisted import terms
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
@@ -38,8 +40,15 @@ REFUTED = 100.0
 """Where flights settle with a favourite at so much less than with the one before it [nat], more
 than what searches leave undone, all that does without the one before has so much less evidence:
 linear evidence takes one cause for another whose trace at held gains is nearly the same."""
-Telling = Callable[[str, int], None]
-"""Is told what is being done, and with which flight."""
+
+
+class Telling(Protocol):
+    """Is told what is being done, and with which flight."""
+
+    def __call__(self, text: str, number: int) -> None:
+        """Takes what is being done, and the flight's number."""
+
+
 _MISSING = Candidate(
     Cause(
         name="unlisted",
@@ -133,11 +142,12 @@ def investigate(
     steps = len(flights) * (1 + ROUNDS)
 
     def telling(doing: str, turn: int) -> Telling:
-        return lambda text, number: progress(
-            f"{doing}: {text}", (len(flights) * turn + number) / steps
-        )
+        def tell(text: str, number: int) -> None:
+            progress(f"{doing}: {text}", (len(flights) * turn + number) / steps)
 
-    standing = question.tested((), question.settled(telling("flying the simulation along", 0)))
+        return tell
+
+    standing, relations = question.begun(telling("flying the simulation along", 0))
     ranked = rank(standing.information, listed, every)
     tested: set[frozenset[Candidate]] = {frozenset()}
     needed = NONE_NEEDED
@@ -152,14 +162,14 @@ def investigate(
         tested.add(frozenset(best.causes))
         words = " and ".join(candidate.label for candidate in best.causes)
         trial = asking.tested(
+            telling(f"trying {words}", turn),
             best.causes,
-            asking.settled(
-                telling(f"trying {words}", turn),
-                causes=wherever(best.causes, every),
-                accuracy=best.accuracy,
-                start=standing.done,
-                moved=listed.alone(best.causes, best.posterior.mean),
-            ),
+            standing.settled,
+            relations,
+            causes=wherever(best.causes, every),
+            accuracy=best.accuracy,
+            moved=listed.alone(best.causes, best.posterior.mean),
+            near=standing if asking is question else None,
         )
         lost = standing.log_likelihood - trial.log_likelihood
         more = all(cause in best.causes for cause in standing.causes)
@@ -168,20 +178,23 @@ def investigate(
         else:
             standing, question, reached = trial, asking, sizes or reached
         ranked = rank(standing.information, listed, every, needed)
-    information, apart, done = standing.information, standing.apart, standing.done
+    information, apart, done = standing.information, standing.apart, standing.settled
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
-    missing, gained = question.missing(done)
+    missing, gained = question.missing(standing)
     ranked, probability = unlisted.weighed(ranked, missing)
     if missing is not None and unlisted.named(missing, probability, ranked):
         wider = asked.question(reached, missing)
-        done = wider.settled(
+        begun = question.carried(done, wider, missing)
+        with_it = wider.tested(
             telling(f"trying {missing.coefficient} {missing.key}", ROUNDS),
+            (_MISSING,),
+            begun,
+            wider.relations(begun),
             causes=(_MISSING,),
-            start=question.carried(done, wider, missing),
         )
-        missing, gained = wider.found(done, missing)
-        question = wider
+        missing, gained = wider.found(with_it, missing)
+        question, done = wider, with_it.settled
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
     for subject, last in zip(question.subjects, done, strict=True):
         settled.rested(subject, last)
@@ -215,7 +228,7 @@ class _Asked:
     fitted: Sequence[bool]
     held_out: Sequence[int]
 
-    @functools.cached_property
+    @cached_property
     def flown(self) -> Flown:
         return settled.flown(self.flights, self.aircraft)
 
@@ -256,21 +269,29 @@ class _Asked:
 
 @dataclass(frozen=True)
 class _Tested:
-    """Flights settled with causes set free.
+    """Flights searched and weighed with causes set free.
 
     Attributes:
         causes: which.
-        done: where the flights settled.
-        information: of what was fitted, about that point.
+        each: flights.
+        information: of what was fitted, of all flights.
         apart: of what took no part.
-        log_likelihood: of what was fitted.
     """
 
     causes: tuple[Candidate, ...]
-    done: Sequence[Settled]
+    each: Sequence[Weighed]
     information: Information
     apart: Information
-    log_likelihood: float
+
+    @property
+    def settled(self) -> list[Settled]:
+        """Where the flights ended."""
+        return [one.settled for one in self.each]
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of what was fitted."""
+        return sum(one.log_likelihood[-1] for one in self.settled)
 
 
 @dataclass(frozen=True)
@@ -300,56 +321,72 @@ class _Question:
         subjects = tuple(settled.with_servos(one, found) for one in self.subjects)
         return replace(self, quantities=found, subjects=subjects)
 
-    def settled(
+    def begun(self, telling: Telling) -> tuple[_Tested, list[Relation]]:
+        """The flights under the simulation's own beliefs, and how errors show in them."""
+        begun = [
+            settled.begin(self.model, one, own, partial(telling, number=number))
+            for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True))
+        ]
+        telling("working out how errors show", number=len(self.subjects) - 1)
+        relations = self.relations(begun)
+        return self.tested(telling, (), begun, relations), relations
+
+    def relations(self, done: Sequence[Settled]) -> list[Relation]:
+        """How errors of all unknowns move the scores of each flight."""
+        return [
+            settled.relation(self.model, one, own, last)
+            for one, own, last in zip(self.subjects, self.before, done, strict=True)
+        ]
+
+    def tested(
         self,
         telling: Telling,
+        named: Sequence[Candidate],
+        start: Sequence[Settled],
+        relations: Sequence[Relation],
+        *,
         causes: Sequence[Candidate] = (),
         accuracy: float = 1.0,
-        start: Sequence[Settled] | None = None,
         moved: Float[np.ndarray, " unknown"] | None = None,
-    ) -> list[Settled]:
-        """Every flight settled with causes set free.
+        near: _Tested | None = None,
+    ) -> _Tested:
+        """Every flight searched with causes set free, and what all say there.
 
         Args:
-            telling: told about every flight's turns.
-            causes: what is set free.
+            telling: told about every flight's steps.
+            named: the causes that are put to the test.
+            start: where the flights were settled before.
+            relations: how errors show in each of them.
+            causes: what is set free, `named` at all their places.
             accuracy: of the file's aerodynamics, in its sigmas: where it is good, what it cannot
                 have wrong is not to move in the cause's stead.
-            start: where the flights were settled before.
             moved: departures of all unknowns to begin with; None where they were before.
+            near: where the same question was answered before, nearby.
         """
-        done, listed = [], self.listed.as_accurate(accuracy)
+        each, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
-            done.append(
-                settled.settle(
+            each.append(
+                settled.weigh(
                     self.model,
                     one,
                     _with(own, listed, number, causes) if causes else own,
-                    lambda text, number=number: telling(text, number),
-                    start=None if start is None else start[number],
+                    start[number],
+                    relations[number],
+                    partial(telling, number=number),
                     moved=None if moved is None else self.listed.in_flight(number, moved),
+                    asked=None if near is None else near.each[number].asked,
                 )
             )
-        return done
+        return _Tested(tuple(named), each, *_summed(self.listed, self.before, each))
 
-    def tested(self, causes: Sequence[Candidate], done: Sequence[Settled]) -> _Tested:
-        """What flights say that were settled with causes set free."""
-        information, apart = self.told(done)
-        each = [float(one.last.log_likelihood[: one.fitted.size][one.fitted].sum()) for one in done]
-        return _Tested(tuple(causes), done, information, apart, sum(each))
-
-    def told(self, done: Sequence[Settled]) -> tuple[Information, Information]:
-        """What all flights say by what was fitted, and by what was not."""
-        return _summed(self.listed, self.before, done)
-
-    def missing(self, done: Sequence[Settled]) -> tuple[MissingTerm | None, float]:
+    def missing(self, found: _Tested) -> tuple[MissingTerm | None, float]:
         """A term that nothing listed stands for, and what it gains on what took no part."""
         products = terms(self.quantities.aircraft.control_names)
         more = unlisted.names(products)
         listed = self.listed.with_more(more)
         wide = [
             settled.with_terms(self.model, one, last, self.names, products)
-            for one, last in zip(self.subjects, done, strict=True)
+            for one, last in zip(self.subjects, found.each, strict=True)
         ]
         stretched = [settled.stretched(own, len(more)) for own in self.before]
         fitted, apart = _summed(listed, stretched, wide)
@@ -376,24 +413,24 @@ class _Question:
             carried.append(replace(one, values=values))
         return carried
 
-    def found(self, done: Sequence[Settled], missing: MissingTerm) -> tuple[MissingTerm, float]:
+    def found(self, tested: _Tested, missing: MissingTerm) -> tuple[MissingTerm, float]:
         """The missing term with flights settled with it, and what it gains."""
-        information, apart = self.told(done)
+        information = tested.information
         accuracy = likeliest_accuracy(information, self.listed, (_MISSING,))
         accurate = self.listed.as_accurate(accuracy)
         under = posterior(information, *accurate.freed((_MISSING,)))
         value, deviation = accurate.along((MISSING,), under.mean, under.covariance)[MISSING]
-        gained = gain.gained(information, apart, accurate, (_MISSING,))
+        gained = gain.gained(information, tested.apart, accurate, (_MISSING,))
         return replace(missing, value=value, deviation=deviation, accuracy=accuracy), gained
 
 
 def _summed(
-    listed: Unknowns, before: Sequence[Beliefs], done: Sequence[Settled]
+    listed: Unknowns, before: Sequence[Beliefs], each: Sequence[Weighed]
 ) -> tuple[Information, Information]:
-    """What all flights say by what was fitted, and by what was not."""
+    """What all flights say of all unknowns by what was fitted, and by what was not."""
     parts = [
         settled.told(listed, number, own, one)
-        for number, (own, one) in enumerate(zip(before, done, strict=True))
+        for number, (own, one) in enumerate(zip(before, each, strict=True))
     ]
     fitted, apart = parts[0]
     for more, others in parts[1:]:

@@ -22,9 +22,11 @@ from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
-from gcs_sysid.estimate import flight_rows, settling
+from gcs_sysid.estimate import flight_rows, godambe, settling, weighed
 from gcs_sysid.estimate.intensities import Prior
+from gcs_sysid.estimate.likelihood import Instruments
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model import departures
 from gcs_sysid.model.aided import State
 from gcs_sysid.model.flight_model import FlightModel
@@ -32,6 +34,8 @@ from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.reconstruct import aided_smoother, causal
 
+RELATED = 2000
+"""Rows of the stretch on which it is worked out how errors move scores."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -135,44 +139,22 @@ def believed(subject: Subject, found: Quantities, *, vanes: bool) -> Beliefs:
     return Beliefs(mean, np.diag(sigma**2), Prior(subject.first.log_noise, spread.log_noise))
 
 
-def settle(
-    model: FlightModel,
-    subject: Subject,
-    before: Beliefs,
-    progress: Callable[[str], None],
-    *,
-    start: Settled | None = None,
-    moved: Float[np.ndarray, " parameter"] | None = None,
+def begin(
+    model: FlightModel, subject: Subject, before: Beliefs, progress: Callable[[str], None]
 ) -> Settled:
-    """Settles a flight.
+    """A flight settled on a stretch of it.
 
     Args:
         model: the aircraft.
         subject: the flight.
         before: beliefs about it.
         progress: told what is being done.
-        start: where it was settled before; None begins anew.
-        moved: departures from the beliefs' mean to begin with.
 
     Raises:
         RefusedError: the filter lost the aircraft.
     """
-    first = subject.first
-    if start is not None:
-        first = settling.at(start, first.means)
-    if moved is not None:
-        unravel = ravel_pytree(first.means)[1]
-        first = first._replace(means=unravel(jnp.asarray(before.mean + moved)))
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
-    done = settling.settle(
-        model,
-        rows,
-        first,
-        before,
-        fitted,
-        progress,
-        near=start is not None,
-    )
+    done, _ = settling.begun(model, rows, subject.first, before, fitted, progress, rough=True)
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise RefusedError(
             subject.one.recording.source,
@@ -180,6 +162,41 @@ def settle(
             fix="check mass, inertia, signs of the controls and the thrust of the aircraft file",
         )
     return done
+
+
+def relation(model: FlightModel, subject: Subject, before: Beliefs, done: Settled) -> Relation:
+    """How errors of the unknowns move the scores of a flight, by its busiest stretch."""
+    stretch, _ = flight_rows.busiest(subject.rows, subject.fitted, RELATED)
+    return weighed.relation(model, stretch, settling.at(done, subject.first.means), before)
+
+
+def weigh(
+    model: FlightModel,
+    subject: Subject,
+    before: Beliefs,
+    start: Settled,
+    by: Relation,
+    progress: Callable[[str], None],
+    *,
+    moved: Float[np.ndarray, " parameter"] | None = None,
+    asked: Instruments | None = None,
+) -> Weighed:
+    """A flight searched and weighed.
+
+    Args:
+        model: the aircraft.
+        subject: the flight.
+        before: beliefs about it.
+        start: where it was settled before.
+        by: how errors of the unknowns move its scores.
+        progress: told what is being done.
+        moved: departures from the beliefs' mean to begin with; None to begin where it was.
+        asked: instruments of the flight at another point nearby, where they are known.
+    """
+    values = start.values if moved is None else before.mean + moved
+    first = settling.at(replace(start, values=values), subject.first.means)
+    rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
+    return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)
 
 
 def rested(subject: Subject, done: Settled) -> None:
@@ -198,16 +215,16 @@ def rested(subject: Subject, done: Settled) -> None:
 
 
 def told(
-    unknowns: Unknowns, number: int, before: Beliefs, done: Settled
+    unknowns: Unknowns, number: int, before: Beliefs, found: Weighed
 ) -> tuple[Information, Information]:
     """What a flight says of all unknowns by what was fitted, and by what was not.
 
     Scores are told relative to the beliefs' mean. Rows count for less where scores of blocks
     scatter more than independent innovations would.
     """
+    done, both = found.settled, []
     share = 1.0 / settling.scatter(done, before)
-    both = []
-    for part in (done.last.told, done.last.apart):
+    for part in (found.told, found.apart):
         score = part.score + part.matrix @ (done.values - before.mean)
         both.append(of_flight(unknowns, number, part.matrix, score, part.count).weighed(share))
     return both[0], both[1]
@@ -234,23 +251,29 @@ def states(
 def with_terms(
     model: FlightModel,
     subject: Subject,
-    done: Settled,
+    found: Weighed,
     names: Sequence[str],
     terms: Sequence[tuple[str, ...]],
-) -> Settled:
-    """A settled flight that also tells of terms that the model does not have, all of them 0."""
-    found = settling.at(done, subject.first.means)
+) -> Weighed:
+    """A flight that also tells of terms that the model does not have, all of them 0."""
+    done = found.settled
+    unknowns = settling.at(done, subject.first.means)
     constants = [names.index(f"aerodynamics.{name}.1") for name in COEFFICIENTS]
     last = causal.passed(
         model,
-        found.means,
-        found.log_noise,
+        unknowns.means,
+        unknowns.log_noise,
         done.last.path,
         done.fitted,
         more=causal.More(tuple(terms), tuple(constants)),
     )
     values = np.concatenate([done.values, np.zeros(len(COEFFICIENTS) * len(terms))])
-    return replace(done, values=values, last=last)
+    return Weighed(
+        replace(done, values=values, last=last),
+        godambe.widened(found.told, last.told),
+        godambe.widened(found.apart, last.apart),
+        found.asked,
+    )
 
 
 def stretched(before: Beliefs, count: int) -> Beliefs:

@@ -1,0 +1,281 @@
+"""A flight searched and weighed under beliefs, by scores and all that is known of them.
+
+Turns (`settling`) take the scatter JᵀJ of scores at held gains for their information. Along much
+that makes a response quicker or weaker, gains and the predicted path take most of it away. Beside
+beliefs such scores then count for far too much: searches end where the flight is less likely than
+where they began, and of two causes the one is preferred whose small errors lie well.
+
+Here both search and weights go by Godambe's information (`godambe`), of parameters and intensities
+together. By how much an error moves scores takes seconds for each unknown, and hangs on the
+aircraft and its gusts: it is worked out once, on a busy stretch of the flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float
+
+from gcs_sysid.estimate import godambe, likelihood, quasi_newton, scoring, settling
+from gcs_sysid.estimate.flight_rows import Flight, Unknowns
+from gcs_sysid.estimate.likelihood import Curvature, Instruments
+from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.model.aided import Noise
+from gcs_sysid.model.flight_model import FlightModel
+from gcs_sysid.reconstruct import causal
+from gcs_sysid.reconstruct.causal import Path, Told
+
+SETS, STEPS = 3, 8
+"""Times that instruments are made, and steps with each."""
+ENOUGH = 4.0
+"""A step that promises less, or gains less than half of it, ends the search [nat]."""
+FAR = 200.0
+"""Where steps gained more together, the instruments are made anew [nat]: they serve all around, and
+are half a minute's work."""
+ENDED = 10.0
+"""Where no step makes the flight more probable that promises less, the search has ended [nat]."""
+SLACK = 0.5
+"""A step may lose so much [nat]: scores are not the likelihood's slope."""
+DAMPED = (0.0, 0.3, 3.0, 30.0)
+"""Shares of the information's diagonal that are added, one after the other, until a step gains."""
+
+
+class Relation(NamedTuple):
+    """How errors of all unknowns move the scores of a flight.
+
+    Attributes:
+        curvature: of a stretch of it.
+        precision: of what was believed of the unknowns, for what the stretch hides.
+        free: parameters of which the flight tells anything, and intensities that are not held.
+        sizes: one deviation of each parameter, over which matrices are taken as linear.
+    """
+
+    curvature: Curvature
+    precision: Float[np.ndarray, "unknown unknown"]
+    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]]
+    sizes: Float[np.ndarray, " parameter"]
+
+
+class Weighed(NamedTuple):
+    """A flight where its search ended, and what it says there.
+
+    Attributes:
+        settled: where.
+        told: what the rows that were fitted say of all parameters, intensities integrated out.
+        apart: what the others say, with intensities as they were found.
+        asked: instruments by which they say it.
+    """
+
+    settled: Settled
+    told: Told
+    apart: Told
+    asked: Instruments
+
+
+class _Point(NamedTuple):
+    values: Float[np.ndarray, " parameter"]
+    log_noise: Noise
+    path: Path
+    whitened: Float[np.ndarray, "sample row"]
+    log_likelihood: float
+
+
+def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: Beliefs) -> Relation:
+    """How errors move scores, as a stretch of a flight has it.
+
+    Args:
+        model: the aircraft.
+        stretch: of the flight, one with much control.
+        unknowns: near what is sought.
+        beliefs: about everything.
+    """
+    path, every = settling.along(model, stretch, unknowns), np.ones(stretch.rows.step.size, bool)
+    held = np.diagonal(causal.passed(model, *unknowns, path, every).told.matrix)
+    noise = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
+    free = held > 0.0, noise > 0.0
+    believed = np.sqrt(np.diagonal(beliefs.covariance))
+    sizes = np.divide(1.0, np.sqrt(held), out=np.zeros_like(held), where=free[0])
+    sizes = np.where(believed > 0.0, np.minimum(sizes, believed), sizes)
+    known = np.divide(1.0, believed**2, out=np.zeros_like(held), where=believed > 0.0)
+    precision = np.diag(np.concatenate([known[free[0]], noise[free[1]] ** -2.0]))
+    asked = likelihood.instruments(
+        *(model, *unknowns, path, every, free, sizes),
+        scoring.marked(unknowns.means, scoring.BY_LIKELIHOOD),
+    )
+    return Relation(asked.curvature, precision, free, sizes)
+
+
+def climbed(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    by: Relation,
+    progress: Callable[[str], None],
+    asked: Instruments | None = None,
+) -> Weighed:
+    """Steps to where scores and beliefs balance, none of which makes the flight less probable.
+
+    Args:
+        model: the aircraft.
+        flight: measurements and first states.
+        first: where to begin, near what is sought.
+        beliefs: about everything.
+        counts: rows from which everything is learned; where there are none, no step is taken.
+        by: relation of the same flight at another point nearby.
+        progress: told about every step.
+        asked: instruments of the same flight at another point nearby, where they are known.
+    """
+    search = _Search(model, first, beliefs, counts, by)
+    here = search.passed(
+        np.asarray(ravel_pytree(first.means)[0]),
+        first.log_noise,
+        settling.along(model, flight, first),
+    )
+    if asked is None:
+        asked = search.instruments(here)
+    history, left = [here.log_likelihood], 0.0
+    for number in range(SETS):
+        begun = here
+        for step in range(STEPS if counts.any() else 0):
+            inner, slope = search.quadratic(asked, here)
+            left = 0.5 * float(slope @ np.linalg.solve(inner, slope))
+            progress(
+                f"step {number + 1}.{step + 1}: log-likelihood {here.log_likelihood:.0f}, "
+                f"{left:.1f} to gain"
+            )
+            there = None if left < ENOUGH else search.stepped(here, inner, slope)
+            if there is None:
+                break
+            grown = search.density(there) - search.density(here)
+            here = there
+            history.append(here.log_likelihood)
+            if grown < 0.5 * ENOUGH:
+                break
+        if search.density(here) - search.density(begun) < FAR:
+            break
+        asked = search.instruments(here)
+    done = causal.passed(model, *search.unknowns(here), here.path, counts)
+    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), left < ENDED, left)
+    return Weighed(settled, *search.told(asked, here, settled), asked)
+
+
+class _Search:
+    """What does not change from step to step.
+
+    Args:
+        model: the aircraft.
+        first: unknowns, of which the form is taken.
+        beliefs: about everything.
+        counts: rows from which everything is learned.
+        by: how errors move scores.
+    """
+
+    def __init__(
+        self,
+        model: FlightModel,
+        first: Unknowns,
+        beliefs: Beliefs,
+        counts: Bool[np.ndarray, " sample"],
+        by: Relation,
+    ) -> None:
+        self._model, self._like, self._counts, self._by = model, first.means, counts, by
+        self._logs = ravel_pytree(first.log_noise)[1]
+        self._mean = beliefs.mean
+        self._root = settling.root(beliefs.covariance)
+        self._centre = np.asarray(ravel_pytree(beliefs.noise.mean)[0])
+        self._noises = np.flatnonzero(by.free[1])
+        self._spread = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])[self._noises]
+        # Steps are in units of the beliefs' root, so that what is held stays.
+        size, count = self._root.shape[1], int(by.free[0].sum())
+        self._both = np.zeros((count + self._noises.size, size + self._noises.size))
+        self._both[:count, :size] = self._root[by.free[0]]
+        self._both[count:, size:] = np.diag(self._spread)
+
+    def unknowns(self, point: _Point) -> Unknowns:
+        means = ravel_pytree(self._like)[1](jnp.asarray(point.values))
+        return Unknowns(means, point.log_noise)
+
+    def passed(
+        self, values: Float[np.ndarray, " parameter"], log_noise: Noise, path: Path
+    ) -> _Point:
+        """The filter over the flight, about the path that it predicts."""
+        means = ravel_pytree(self._like)[1](jnp.asarray(values))
+        for _ in range(scoring.PASSES):
+            rows = causal.joined(self._model, means, log_noise, path)
+            path, _, steps = causal.filtered(path, rows)
+        each = np.concatenate([step.log_likelihood for step in steps])[: self._counts.size]
+        white = np.concatenate([step.whitened for step in steps])
+        return _Point(values, log_noise, path, white, float(each[self._counts].sum()))
+
+    def off(self, point: _Point) -> Float[np.ndarray, " unit"]:
+        """Where a point lies, in units of the beliefs' root."""
+        logs = np.asarray(ravel_pytree(point.log_noise)[0])
+        mean = np.linalg.lstsq(self._root, point.values - self._mean, rcond=None)[0]
+        return np.concatenate([mean, (logs - self._centre)[self._noises] / self._spread])
+
+    def density(self, point: _Point) -> float:
+        """Of flight and beliefs [nat]."""
+        return point.log_likelihood - 0.5 * float(np.sum(self.off(point) ** 2))
+
+    def instruments(self, point: _Point) -> Instruments:
+        """Of all rows about a point."""
+        return likelihood.instruments(
+            *(self._model, *self.unknowns(point), point.path, np.ones_like(self._counts)),
+            *(self._by.free, self._by.sizes, scoring.marked(self._like, scoring.BY_LIKELIHOOD)),
+            stretch=(self._by.curvature, self._by.precision),
+        )
+
+    def quadratic(
+        self, asked: Instruments, point: _Point
+    ) -> tuple[Float[np.ndarray, "unit unit"], Float[np.ndarray, " unit"]]:
+        """Information, beliefs included, and slope of the density, in units of the beliefs."""
+        matrix, score = self._scored(asked, point, self._counts)
+        inner = np.eye(self._both.shape[1]) + self._both.T @ matrix @ self._both
+        return inner, self._both.T @ score - self.off(point)
+
+    def stepped(
+        self, here: _Point, inner: Float[np.ndarray, "unit unit"], slope: Float[np.ndarray, " unit"]
+    ) -> _Point | None:
+        """A step that makes flight and beliefs more probable; None if there is none."""
+        size = self._root.shape[1]
+        longest = np.full(slope.size, np.inf)
+        longest[size:] = scoring.LONGEST / self._spread
+        for damping in DAMPED:
+            damped = inner + damping * np.diag(np.diagonal(inner))
+            move = quasi_newton.bounded(damped, slope, longest)
+            logs = np.array(ravel_pytree(here.log_noise)[0])
+            logs[self._noises] += self._spread * move[size:]
+            values = here.values + self._root @ move[:size]
+            there = self.passed(values, self._logs(jnp.asarray(logs)), here.path)
+            if self.density(there) > self.density(here) - SLACK:
+                return there
+        return None
+
+    def told(self, asked: Instruments, point: _Point, done: Settled) -> tuple[Told, Told]:
+        """What fitted rows say of all parameters, and what the others say."""
+        count = int(self._by.free[0].sum())
+        off = self.off(point)[self._root.shape[1] :]
+        mine = godambe.integrated(
+            *self._scored(asked, point, self._counts), self._spread**-2.0, -off / self._spread
+        )
+        matrix, score = self._scored(asked, point, ~self._counts)
+        free, last = self._by.free[0], done.last
+        return (
+            godambe.placed(*mine, free, last.told.count),
+            godambe.placed(matrix[:count, :count], score[:count], free, last.apart.count),
+        )
+
+    def _scored(
+        self, asked: Instruments, point: _Point, counts: Bool[np.ndarray, " sample"]
+    ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
+        scatter, score = likelihood.told(asked, point.whitened, counts)
+        if not counts.any():
+            return scatter, score
+        slope = self._by.curvature.on(scatter, self._by.precision).slope
+        return godambe.quadratic(slope, scatter, score)

@@ -1,0 +1,145 @@
+"""A search that goes by what scores say, and what the flight says where it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from gcs_sysid.estimate import likelihood, settling, weighed
+from gcs_sysid.estimate.flight_rows import Unknowns
+from gcs_sysid.estimate.intensities import Prior
+from gcs_sysid.estimate.settling import Beliefs
+from gcs_sysid.estimate.weighed import Relation, Weighed
+from gcs_sysid.reconstruct import aided_smoother, causal
+from tests.estimate import made_flight as made
+
+pytestmark = pytest.mark.slow
+
+KNOWN = made.unknowns(1.0)
+FLAT = np.asarray(ravel_pytree(KNOWN.means)[0])
+DERIVATIVES = np.arange(FLAT.size) < sum(len(terms) for terms in made.TERMS.values())
+SIZES = np.where(DERIVATIVES, 0.3 * np.abs(FLAT), 0.0)
+FLIGHT = made.made_flight()
+EVERY = np.ones(made.COUNT, dtype=bool)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_chunks() -> Iterator[None]:
+    # As other tests have them, so that one compilation serves all.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
+        yield
+
+
+def beliefs() -> Beliefs:
+    """Derivatives to a third, the gusts' strength to a factor of three."""
+    held = jax.tree.map(jnp.zeros_like, KNOWN.log_noise)
+    turbulence = held.turbulence._replace(gust=jnp.ones(3))
+    sigma = held._replace(turbulence=turbulence)
+    return Beliefs(FLAT, np.diag(SIZES**2), Prior(KNOWN.log_noise, sigma))
+
+
+@pytest.fixture(scope="module")
+def by() -> Relation:
+    """Worked out where nothing was searched yet, with derivatives a tenth too large."""
+    begun = settling.rested(made.MODEL, FLIGHT, made.unknowns(1.1), beliefs(), EVERY)
+    return weighed.relation(made.MODEL, KNOWN.means, FLIGHT, begun, beliefs())
+
+
+def climbed(by: Relation, counts: np.ndarray, begun: Unknowns) -> tuple[Weighed, list[str]]:
+    told: list[str] = []
+    found = weighed.climbed(made.MODEL, FLIGHT, begun, beliefs(), counts, by, told.append)
+    return found, told
+
+
+@pytest.fixture(scope="module")
+def ended(by: Relation) -> Weighed:
+    return climbed(by, EVERY, made.unknowns(1.2))[0]
+
+
+def posterior(found: Weighed) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and deviation of the derivatives."""
+    matrix = found.told.matrix[np.ix_(DERIVATIVES, DERIVATIVES)]
+    precision = np.diag(SIZES[DERIVATIVES] ** -2.0)
+    covariance = np.linalg.inv(matrix + precision)
+    off = (found.settled.values - FLAT)[DERIVATIVES]
+    score = found.told.score[DERIVATIVES] - precision @ off
+    mean = found.settled.values[DERIVATIVES] + covariance @ score
+    return mean, np.sqrt(np.diagonal(covariance))
+
+
+def test_it_ends_where_flight_and_beliefs_balance(ended) -> None:
+    assert ended.settled.ended
+    assert ended.settled.left < weighed.ENOUGH
+    assert np.all(np.diff(ended.settled.log_likelihood) > -5.0)
+    mean, deviation = posterior(ended)
+    # Nothing is left to move by, and the truth is within what is said.
+    np.testing.assert_array_less(np.abs(mean - ended.settled.values[DERIVATIVES]) / deviation, 1.0)
+    np.testing.assert_array_less(np.abs(mean - FLAT[DERIVATIVES]) / deviation, 3.5)
+    held = ~DERIVATIVES
+    np.testing.assert_array_equal(ended.settled.values[held], FLAT[held])
+
+
+def test_no_point_nearby_is_more_probable(ended) -> None:
+    """Flight and beliefs at the end, and a deviation of each derivative away."""
+    _, deviation = posterior(ended)
+
+    def density(values: np.ndarray) -> float:
+        means = ravel_pytree(KNOWN.means)[1](jnp.asarray(values))
+        path = ended.settled.last.path
+        for _ in range(3):
+            rows = causal.joined(made.MODEL, means, ended.settled.log_noise, path)
+            path, _, steps = causal.filtered(path, rows)
+        each = np.concatenate([step.log_likelihood for step in steps])[: made.COUNT]
+        off = (values - FLAT)[DERIVATIVES] / SIZES[DERIVATIVES]
+        return float(each.sum()) - 0.5 * float(off @ off)
+
+    there = density(ended.settled.values)
+    for place, size in zip(np.flatnonzero(DERIVATIVES), deviation, strict=True):
+        for sign in (-1.0, 1.0):
+            values = ended.settled.values.copy()
+            values[place] += sign * 1.5 * size
+            assert density(values) < there, place
+
+
+def test_it_says_less_than_scores_at_held_gains_promise(ended) -> None:
+    """Gains and path take some of what these say of the response, none adds to it."""
+    held = np.diagonal(ended.settled.last.told.matrix)[DERIVATIVES]
+    said = np.diagonal(ended.told.matrix)[DERIVATIVES]
+    assert np.all(said < 1.1 * held)
+    assert np.min(said / held) < 0.8
+
+
+def test_rows_apart_say_what_they_say_and_move_nothing(by, ended) -> None:
+    half = np.arange(made.COUNT) < made.COUNT // 2
+    mine, told = climbed(by, half, made.unknowns(1.2))
+    assert told
+    both = mine.told.matrix + mine.apart.matrix
+    ratio = np.diagonal(both)[DERIVATIVES] / np.diagonal(ended.told.matrix)[DERIVATIVES]
+    np.testing.assert_array_less(ratio, 2.0)
+    np.testing.assert_array_less(0.5, ratio)
+    begun = made.unknowns(1.1)
+    none, told = climbed(by, ~EVERY, begun)
+    assert not told
+    np.testing.assert_array_equal(none.settled.values, np.asarray(ravel_pytree(begun.means)[0]))
+    assert not none.settled.restless
+    assert not none.told.matrix.any()
+    assert np.all(np.diagonal(none.apart.matrix)[DERIVATIVES] > 0.0)
+
+
+def test_the_same_at_another_point_without_working_it_out_anew(by, ended) -> None:
+    """The relation of the beginning is that of the end, to what a search can tell."""
+    anew = weighed.relation(made.MODEL, KNOWN.means, FLIGHT, ended.settled, beliefs())
+    known = weighed.climbed(
+        *(made.MODEL, FLIGHT, settling.at(ended.settled, KNOWN.means), beliefs(), EVERY, anew),
+        lambda _: None,
+    )
+    assert likelihood.HIDDEN < 1e-6
+    _, one = posterior(ended)
+    _, other = posterior(known)
+    np.testing.assert_allclose(one, other, rtol=0.15)
