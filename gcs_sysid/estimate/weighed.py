@@ -36,7 +36,7 @@ ENOUGH = 4.0
 FAR = 200.0
 """Where steps gained more together, the instruments are made anew [nat]: they serve all around, and
 are half a minute's work."""
-ENDED = 10.0
+ENDED = 30.0
 """Where no step makes the flight more probable that promises less, the search has ended [nat]."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""

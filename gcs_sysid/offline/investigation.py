@@ -8,10 +8,9 @@ stays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -40,15 +39,8 @@ REFUTED = 100.0
 """Where flights settle with a favourite at so much less than with the one before it [nat], more
 than what searches leave undone, all that does without the one before has so much less evidence:
 linear evidence takes one cause for another whose trace at held gains is nearly the same."""
-
-
-class Telling(Protocol):
-    """Is told what is being done, and with which flight."""
-
-    def __call__(self, text: str, number: int) -> None:
-        """Takes what is being done, and the flight's number."""
-
-
+Telling = Callable[[str, int], None]
+"""Is told what is being done, and with which flight."""
 _MISSING = Candidate(
     Cause(
         name="unlisted",
@@ -142,10 +134,9 @@ def investigate(
     steps = len(flights) * (1 + ROUNDS)
 
     def telling(doing: str, turn: int) -> Telling:
-        def tell(text: str, number: int) -> None:
-            progress(f"{doing}: {text}", (len(flights) * turn + number) / steps)
-
-        return tell
+        return lambda text, number: progress(
+            f"{doing}: {text}", (len(flights) * turn + number) / steps
+        )
 
     standing, relations = question.begun(telling("flying the simulation along", 0))
     ranked = rank(standing.information, listed, every)
@@ -324,10 +315,10 @@ class _Question:
     def begun(self, telling: Telling) -> tuple[_Tested, list[Relation]]:
         """The flights under the simulation's own beliefs, and how errors show in them."""
         begun = [
-            settled.begin(self.model, one, own, partial(telling, number=number))
+            settled.begin(self.model, one, own, _about(telling, number))
             for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True))
         ]
-        telling("working out how errors show", number=len(self.subjects) - 1)
+        telling("working out how errors show", len(self.subjects) - 1)
         relations = self.relations(begun)
         return self.tested(telling, (), begun, relations), relations
 
@@ -372,7 +363,7 @@ class _Question:
                     _with(own, listed, number, causes) if causes else own,
                     start[number],
                     relations[number],
-                    partial(telling, number=number),
+                    _about(telling, number),
                     moved=None if moved is None else self.listed.in_flight(number, moved),
                     asked=None if near is None else near.each[number].asked,
                 )
@@ -422,6 +413,11 @@ class _Question:
         value, deviation = accurate.along((MISSING,), under.mean, under.covariance)[MISSING]
         gained = gain.gained(information, tested.apart, accurate, (_MISSING,))
         return replace(missing, value=value, deviation=deviation, accuracy=accuracy), gained
+
+
+def _about(telling: Telling, number: int) -> Callable[[str], None]:
+    """Told of one flight."""
+    return lambda text: telling(text, number)
 
 
 def _summed(
