@@ -12,7 +12,7 @@ aircraft and its gusts: it is worked out once, on a busy stretch of the flight.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -112,7 +112,7 @@ def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: B
 def climbed(
     model: FlightModel,
     flight: Flight,
-    first: Unknowns,
+    first: Sequence[Unknowns],
     beliefs: Beliefs,
     counts: Bool[np.ndarray, " sample"],
     by: Relation,
@@ -124,24 +124,28 @@ def climbed(
     Args:
         model: the aircraft.
         flight: measurements and first states.
-        first: where to begin, near what is sought.
+        first: where to begin, near what is sought; the most probable is taken.
         beliefs: about everything.
         counts: rows from which everything is learned; where there are none, no step is taken.
         by: relation of the same flight at another point nearby.
         progress: told about every step.
         asked: instruments of the same flight at another point nearby, where they are known.
     """
-    search = _Search(model, first, beliefs, counts, by)
-    here = search.passed(
-        np.asarray(ravel_pytree(first.means)[0]),
-        first.log_noise,
-        settling.along(model, flight, first),
-    )
+    search = _Search(model, first[0], beliefs, counts, by)
+    begun = [
+        search.passed(
+            np.asarray(ravel_pytree(one.means)[0]),
+            one.log_noise,
+            settling.along(model, flight, one),
+        )
+        for one in first
+    ]
+    here = max(begun, key=search.density)
     if asked is None:
         asked = search.instruments(here)
     history, left = [here.log_likelihood], 0.0
     for number in range(SETS):
-        begun = here
+        before = search.density(here)
         for step in range(STEPS if counts.any() else 0):
             inner, slope = search.quadratic(asked, here)
             left = 0.5 * float(slope @ np.linalg.solve(inner, slope))
@@ -157,7 +161,7 @@ def climbed(
             history.append(here.log_likelihood)
             if grown < 0.5 * ENOUGH:
                 break
-        if search.density(here) - search.density(begun) < FAR:
+        if search.density(here) - before < FAR:
             break
         asked = search.instruments(here)
     done = causal.passed(model, *search.unknowns(here), here.path, counts)
@@ -220,8 +224,9 @@ class _Search:
         return np.concatenate([mean, (logs - self._centre)[self._noises] / self._spread])
 
     def density(self, point: _Point) -> float:
-        """Of flight and beliefs [nat]."""
-        return point.log_likelihood - 0.5 * float(np.sum(self.off(point) ** 2))
+        """Of flight and beliefs [nat]; −∞ where the filter lost the aircraft."""
+        density = point.log_likelihood - 0.5 * float(np.sum(self.off(point) ** 2))
+        return density if np.isfinite(density) else -np.inf
 
     def instruments(self, point: _Point) -> Instruments:
         """Of all rows about a point."""

@@ -193,9 +193,12 @@ def weigh(
         moved: departures from the beliefs' mean to begin with; None to begin where it was.
         asked: instruments of the flight at another point nearby, where they are known.
     """
-    values = start.values if moved is None else before.mean + moved
-    first = settling.at(replace(start, values=values), subject.first.means)
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
+    begun = [] if moved is None else [before.mean + moved]
+    if moved is None or (asked is not None and fitted.any()):
+        # The same question as before: its answer may be nearer than what linear evidence foretells.
+        begun.append(start.values)
+    first = [settling.at(replace(start, values=values), subject.first.means) for values in begun]
     return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)
 
 

@@ -52,7 +52,7 @@ def by() -> Relation:
 
 def climbed(by: Relation, counts: np.ndarray, begun: Unknowns) -> tuple[Weighed, list[str]]:
     told: list[str] = []
-    found = weighed.climbed(made.MODEL, FLIGHT, begun, beliefs(), counts, by, told.append)
+    found = weighed.climbed(made.MODEL, FLIGHT, [begun], beliefs(), counts, by, told.append)
     return found, told
 
 
@@ -135,7 +135,7 @@ def test_what_is_known_nearby_serves(by, ended) -> None:
     """With relation and instruments of other points: the same end, as surely."""
     end = settling.at(ended.settled, KNOWN.means)
     anew = weighed.relation(made.MODEL, FLIGHT, end, beliefs())
-    given = (made.MODEL, FLIGHT, made.unknowns(0.9), beliefs(), EVERY, anew, lambda _: None)
+    given = (made.MODEL, FLIGHT, [made.unknowns(0.9)], beliefs(), EVERY, anew, lambda _: None)
     again = weighed.climbed(*given, ended.asked)
     (mean, deviation), (other, _) = posterior(ended), posterior(again)
     np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
