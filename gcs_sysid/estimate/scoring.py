@@ -24,7 +24,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import likelihood, quasi_newton
+from gcs_sysid.estimate import likelihood, quasi_newton, settling
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
@@ -122,12 +122,44 @@ class LostError(Exception):
     """The filter lost the aircraft: nothing that it says of the flight is a number."""
 
 
-class _Point(NamedTuple):
+class Point(NamedTuple):
+    """Where a search stands.
+
+    Attributes:
+        values: parameters of the mean, flat.
+        log_noise: intensities.
+        path: that the filter predicts with them.
+        log_likelihood: of the rows that count.
+        whitened: innovations over the root of their covariance.
+    """
+
     values: Float[np.ndarray, " parameter"]
     log_noise: Noise
     path: Path
     log_likelihood: float
     whitened: Float[np.ndarray, "sample row"]
+
+
+def passed(
+    model: FlightModel,
+    unknowns: Unknowns,
+    path: Path,
+    counts: Bool[np.ndarray, " sample"],
+) -> Point:
+    """The filter over a flight, about the path that it predicts itself.
+
+    Args:
+        model: the aircraft.
+        unknowns: parameters of the mean and intensities.
+        path: one nearby.
+        counts: rows whose likelihood is told.
+    """
+    for _ in range(PASSES):
+        path, _, steps = causal.filtered(path, causal.joined(model, *unknowns, path))
+    each = np.concatenate([step.log_likelihood for step in steps])[: counts.size]
+    white = np.concatenate([step.whitened for step in steps])
+    values = np.asarray(ravel_pytree(unknowns.means)[0])
+    return Point(values, unknowns.log_noise, path, float(each[counts].sum()), white)
 
 
 def climbed(
@@ -158,33 +190,26 @@ def climbed(
     precision = np.diag(np.concatenate([np.zeros(found.size), 1.0 / sigma[noises] ** 2]))
     precision[: found.size, : found.size] = inverse(beliefs.covariance[np.ix_(found, found)])
 
-    def off(point: _Point) -> Unknown:
+    def off(point: Point) -> Unknown:
         logs = np.asarray(ravel_pytree(point.log_noise)[0])
         return np.concatenate([(point.values - beliefs.mean)[found], (logs - centre)[noises]])
 
-    def density(point: _Point) -> float:
+    def density(point: Point) -> float:
         return point.log_likelihood - 0.5 * float(off(point) @ precision @ off(point))
 
-    def moved(point: _Point, move: Unknown) -> _Point:
+    def moved(point: Point, move: Unknown) -> Point:
         values, logs = point.values.copy(), np.array(ravel_pytree(point.log_noise)[0])
         values[found] += move[: found.size]
         logs[noises] += move[found.size :]
         log_noise = ravel_pytree(point.log_noise)[1](jnp.asarray(logs))
-        means, path = ravel_pytree(like)[1](jnp.asarray(values)), point.path
-        for _ in range(PASSES):
-            path, _, steps = causal.filtered(path, causal.joined(model, means, log_noise, path))
-        each = np.concatenate([step.log_likelihood for step in steps])[: settled.fitted.size]
-        white = np.concatenate([step.whitened for step in steps])
-        return _Point(values, log_noise, path, float(each[settled.fitted].sum()), white)
+        unknowns = Unknowns(ravel_pytree(like)[1](jnp.asarray(values)), log_noise)
+        return passed(model, unknowns, point.path, settled.fitted)
 
     longest = np.concatenate([np.full(found.size, np.inf), np.full(noises.size, LONGEST)])
     sizes = np.zeros(free[0].size)
     held = settled.last.told.matrix[np.ix_(found, found)] + precision[: found.size, : found.size]
     sizes[found] = np.sqrt(np.diagonal(inverse(held)))
-    here = moved(
-        _Point(settled.values, settled.log_noise, settled.last.path, 0.0, settled.last.whitened),
-        np.zeros(len(precision)),
-    )
+    here = passed(model, settling.at(settled, like), settled.last.path, settled.fitted)
     history, ended, moving = [here.log_likelihood], False, np.inf
     derivatives = found < ravel_pytree(like.aerodynamics)[0].size
     told = ~marked(like, ONLY_TOGETHER)[found]

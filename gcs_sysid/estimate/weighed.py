@@ -23,8 +23,9 @@ from jaxtyping import Bool, Float
 from gcs_sysid.estimate import godambe, likelihood, quasi_newton, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature, Instruments
+from gcs_sysid.estimate.scoring import Point
 from gcs_sysid.estimate.settling import Beliefs, Settled
-from gcs_sysid.model.aided import Noise
+from gcs_sysid.model.aided import Means
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.causal import Path, Told
@@ -76,14 +77,6 @@ class Weighed(NamedTuple):
     asked: Instruments
 
 
-class _Point(NamedTuple):
-    values: Float[np.ndarray, " parameter"]
-    log_noise: Noise
-    path: Path
-    whitened: Float[np.ndarray, "sample row"]
-    log_likelihood: float
-
-
 def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: Beliefs) -> Relation:
     """How errors move scores, as a stretch of a flight has it.
 
@@ -133,12 +126,7 @@ def climbed(
     """
     search = _Search(model, first[0], beliefs, counts, by)
     begun = [
-        search.passed(
-            np.asarray(ravel_pytree(one.means)[0]),
-            one.log_noise,
-            settling.along(model, flight, one),
-        )
-        for one in first
+        search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
     ]
     here = max(begun, key=search.density)
     if asked is None:
@@ -189,6 +177,7 @@ class _Search:
         by: Relation,
     ) -> None:
         self._model, self._like, self._counts, self._by = model, first.means, counts, by
+        self._unravel = ravel_pytree(first.means)[1]
         self._logs = ravel_pytree(first.log_noise)[1]
         self._mean = beliefs.mean
         self._root = settling.root(beliefs.covariance)
@@ -201,34 +190,35 @@ class _Search:
         self._both[:count, :size] = self._root[by.free[0]]
         self._both[count:, size:] = np.diag(self._spread)
 
-    def unknowns(self, point: _Point) -> Unknowns:
-        means = ravel_pytree(self._like)[1](jnp.asarray(point.values))
-        return Unknowns(means, point.log_noise)
+    def unknowns(self, point: Point) -> Unknowns:
+        """Of a point."""
+        return Unknowns(self._means(point.values), point.log_noise)
 
-    def passed(
-        self, values: Float[np.ndarray, " parameter"], log_noise: Noise, path: Path
-    ) -> _Point:
-        """The filter over the flight, about the path that it predicts."""
-        means = ravel_pytree(self._like)[1](jnp.asarray(values))
-        for _ in range(scoring.PASSES):
-            rows = causal.joined(self._model, means, log_noise, path)
-            path, _, steps = causal.filtered(path, rows)
-        each = np.concatenate([step.log_likelihood for step in steps])[: self._counts.size]
-        white = np.concatenate([step.whitened for step in steps])
-        return _Point(values, log_noise, path, white, float(each[self._counts].sum()))
+    def believed(self, one: Unknowns) -> Unknowns:
+        """The unknowns with what beliefs hold where they hold it.
 
-    def off(self, point: _Point) -> Float[np.ndarray, " unit"]:
+        They may come from a search with another cause set free, whose size is not to stay.
+        """
+        off = np.asarray(ravel_pytree(one.means)[0]) - self._mean
+        at = np.linalg.lstsq(self._root, off, rcond=None)[0]
+        return one._replace(means=self._means(self._mean + self._root @ at))
+
+    def passed(self, unknowns: Unknowns, path: Path) -> Point:
+        """`scoring.passed` over this flight."""
+        return scoring.passed(self._model, unknowns, path, self._counts)
+
+    def off(self, point: Point) -> Float[np.ndarray, " unit"]:
         """Where a point lies, in units of the beliefs' root."""
         logs = np.asarray(ravel_pytree(point.log_noise)[0])
         mean = np.linalg.lstsq(self._root, point.values - self._mean, rcond=None)[0]
         return np.concatenate([mean, (logs - self._centre)[self._noises] / self._spread])
 
-    def density(self, point: _Point) -> float:
+    def density(self, point: Point) -> float:
         """Of flight and beliefs [nat]; −∞ where the filter lost the aircraft."""
         density = point.log_likelihood - 0.5 * float(np.sum(self.off(point) ** 2))
         return density if np.isfinite(density) else -np.inf
 
-    def instruments(self, point: _Point) -> Instruments:
+    def instruments(self, point: Point) -> Instruments:
         """Of all rows about a point."""
         return likelihood.instruments(
             *(self._model, *self.unknowns(point), point.path, np.ones_like(self._counts)),
@@ -237,7 +227,7 @@ class _Search:
         )
 
     def quadratic(
-        self, asked: Instruments, point: _Point
+        self, asked: Instruments, point: Point
     ) -> tuple[Float[np.ndarray, "unit unit"], Float[np.ndarray, " unit"]]:
         """Information, beliefs included, and slope of the density, in units of the beliefs."""
         matrix, score = self._scored(asked, point, self._counts)
@@ -245,8 +235,8 @@ class _Search:
         return inner, self._both.T @ score - self.off(point)
 
     def stepped(
-        self, here: _Point, inner: Float[np.ndarray, "unit unit"], slope: Float[np.ndarray, " unit"]
-    ) -> _Point | None:
+        self, here: Point, inner: Float[np.ndarray, "unit unit"], slope: Float[np.ndarray, " unit"]
+    ) -> Point | None:
         """A step that makes flight and beliefs more probable; None if there is none."""
         size = self._root.shape[1]
         longest = np.full(slope.size, np.inf)
@@ -256,13 +246,13 @@ class _Search:
             move = quasi_newton.bounded(damped, slope, longest)
             logs = np.array(ravel_pytree(here.log_noise)[0])
             logs[self._noises] += self._spread * move[size:]
-            values = here.values + self._root @ move[:size]
-            there = self.passed(values, self._logs(jnp.asarray(logs)), here.path)
+            means = self._means(here.values + self._root @ move[:size])
+            there = self.passed(Unknowns(means, self._logs(jnp.asarray(logs))), here.path)
             if self.density(there) > self.density(here) - SLACK:
                 return there
         return None
 
-    def told(self, asked: Instruments, point: _Point, done: Settled) -> tuple[Told, Told]:
+    def told(self, asked: Instruments, point: Point, done: Settled) -> tuple[Told, Told]:
         """What fitted rows say of all parameters, and what the others say."""
         count = int(self._by.free[0].sum())
         off = self.off(point)[self._root.shape[1] :]
@@ -276,8 +266,11 @@ class _Search:
             godambe.placed(matrix[:count, :count], score[:count], free, last.apart.count),
         )
 
+    def _means(self, values: Float[np.ndarray, " parameter"]) -> Means:
+        return self._unravel(jnp.asarray(values))
+
     def _scored(
-        self, asked: Instruments, point: _Point, counts: Bool[np.ndarray, " sample"]
+        self, asked: Instruments, point: Point, counts: Bool[np.ndarray, " sample"]
     ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
         scatter, score = likelihood.told(asked, point.whitened, counts)
         if not counts.any():

@@ -140,3 +140,14 @@ def test_what_is_known_nearby_serves(by, ended) -> None:
     (mean, deviation), (other, _) = posterior(ended), posterior(again)
     np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
     np.testing.assert_allclose(deviation, posterior(again)[1], rtol=0.15)
+
+
+def test_what_another_search_found_does_not_stay_where_it_is_held(by, ended) -> None:
+    """A held parameter that comes in off is put back, and the end is the same."""
+    flat = np.asarray(ravel_pytree(made.unknowns(1.2).means)[0]).copy()
+    flat[~DERIVATIVES] += 0.01
+    begun = Unknowns(ravel_pytree(KNOWN.means)[1](jnp.asarray(flat)), KNOWN.log_noise)
+    found = climbed(by, EVERY, begun)[0]
+    np.testing.assert_array_equal(found.settled.values[~DERIVATIVES], FLAT[~DERIVATIVES])
+    (mean, deviation), (other, _) = posterior(ended), posterior(found)
+    np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
