@@ -11,7 +11,7 @@ from gcs_sysid.figures import diagnosis
 from gcs_sysid.figures.data import Span
 from gcs_sysid.report import sheet
 from gcs_sysid.report.findings import Finding
-from gcs_sysid.report.numbers import for_people, number, plus_minus
+from gcs_sysid.report.numbers import for_people, number, plus_minus, power_of_ten
 from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
@@ -275,7 +275,7 @@ def _times(nats: float) -> str:
     """How much less probable a flight is, in words that need no logarithm."""
     power = nats / np.log(10.0)
     if power >= 4.0:
-        return f"10^{power:.0f} times less probable"
+        return f"{power_of_ten(round(power))} times less probable"
     return f"{number(float(10.0**power), 2)} times less probable"
 
 

@@ -75,11 +75,16 @@ def _fixed(value: float, decimals: int) -> str:
     return MINUS + text if value < 0.0 and float(text) != 0.0 else text
 
 
+def power_of_ten(exponent: int) -> str:
+    """10 to an exponent."""
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
 def _scientific(value: float, exponent: int, digits: int) -> str:
-    return f"{_fixed(value / 10.0**exponent, digits - 1)}×10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{_fixed(value / 10.0**exponent, digits - 1)}×{power_of_ten(exponent)}"
 
 
 def _scientific_pair(value: float, half: float, largest: int, smallest: int) -> str:
     decimals = min(max(largest - smallest + 1, 0), 6)
     scaled = f"{_fixed(value / 10.0**largest, decimals)} ± {_fixed(half / 10.0**largest, decimals)}"
-    return f"({scaled})×10{str(largest).translate(_SUPERSCRIPT)}"
+    return f"({scaled})×{power_of_ten(largest)}"

@@ -87,3 +87,16 @@ def test_why_a_flight_cannot_tell_is_said(changed: dict[str, Any], why: str) -> 
     found = diagnose.findings({**summary({}), **silent, **changed})
     assert why in found[0].text
     assert found[0].text.startswith("this flight cannot tell: ")
+
+
+@pytest.mark.parametrize(
+    ("nats", "said"),
+    [
+        (0.6931, "2.0 times less probable"),
+        (8.0, "2981 times less probable"),
+        (11.5, "10⁵ times less probable"),
+        (2000.0, "10⁸⁶⁹ times less probable"),
+    ],
+)
+def test_how_much_less_probable_needs_no_logarithm(nats: float, said: str) -> None:
+    assert diagnose._times(nats) == said
