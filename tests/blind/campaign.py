@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(flights)]
         tables.one_by_one(list(run(draws, asked.out, again=asked.again, keep=asked.keep)))
         return
-    fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size)
+    fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size, short=asked.short)
     span = range(asked.start, asked.start + asked.count)
     draws = [draw(i, seed=asked.seed, fixed=fixed) for i in span]
     results = run(draws, asked.out, again=asked.again, bound=asked.bound, keep=asked.keep)
@@ -159,6 +159,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--aircraft", choices=AIRCRAFT)
     parser.add_argument("--file", choices=FILES)
     parser.add_argument("--size", choices=SIZES)
+    parser.add_argument("--short", action="store_true", help="flights of a minute and a half")
     parser.add_argument("--dozen", action="store_true", help="the fixed flights of `make blind`")
     parser.add_argument("--every", action="store_true", help="every cause once, one line each")
     parser.add_argument(
