@@ -20,11 +20,17 @@ SEEN = 1e-10
 """Scores that scatter less than this share of the liveliest combination tell nothing: causes that
 are one and the same leave sums that differ by rounding."""
 
+BLURRED = 0.01
+"""Share of the beliefs' precision that scores count as scattering more than they do. How errors
+move them is carried from a stretch, and wrong by a little; where a flight tells next to nothing,
+scores that hardly scatter would make much of that little."""
+
 
 def quadratic(
     slope: Float[np.ndarray, "unknown unknown"],
     scatter: Float[np.ndarray, "unknown unknown"],
     score: Float[np.ndarray, " unknown"],
+    precision: Float[np.ndarray, "unknown unknown"],
 ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
     """Information and slope of the quadratic form that scores stand for.
 
@@ -32,9 +38,11 @@ def quadratic(
         slope: A, by how much an error of each unknown, in columns, moves the scores.
         scatter: B, their covariance; 0 where nothing was measured.
         score: g.
+        precision: of what is ordinarily believed of the unknowns.
     """
-    size, unit = _units(scatter)
-    values, vectors = np.linalg.eigh(scatter / unit)
+    blurred = scatter + BLURRED * precision
+    size, unit = _units(blurred)
+    values, vectors = np.linalg.eigh(blurred / unit)
     seen = values > SEEN * max(values[-1], 1.0)
     white = (vectors[:, seen] / np.sqrt(values[seen])).T / size
     moved = white @ slope

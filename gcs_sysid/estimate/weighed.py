@@ -30,19 +30,25 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.causal import Path, Told
 
-SETS, STEPS = 3, 8
-"""Times that instruments are made, and steps with each."""
+SETS, STEPS = 6, 8
+"""Times that instruments are made at most, and steps with each."""
 ENOUGH = 4.0
-"""A step that promises less, or gains less than half of it, ends the search [nat]."""
+"""A step that promises less, or gains less than half of it, is the last with these instruments
+[nat]."""
 FAR = 200.0
 """Where steps gained more together, the instruments are made anew [nat]: they serve all around, and
 are half a minute's work."""
-ENDED = 30.0
-"""Where no step makes the flight more probable that promises less, the search has ended [nat]."""
+NEAR = 30.0
+"""Where a step with new instruments would promise less, others are not made [nat]."""
+ENDED = 0.5
+"""Where a step promises less for each unknown, the search has ended [nat]: on average they are a
+deviation from where all scores vanish, and a flight whose noise is not quite what the model takes
+it for is most probable no nearer to there."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
-DAMPED = (0.0, 0.3, 3.0, 30.0)
-"""Shares of the information's diagonal that are added, one after the other, until a step gains."""
+SHARES = (1.0, 0.3, 0.1, 0.03)
+"""Of a step, one after the other, until one gains. What bends is not how well each unknown is known
+but the way: where the centre of gravity moves, the moment's slope has to go along."""
 
 
 class Relation(NamedTuple):
@@ -129,19 +135,22 @@ def climbed(
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
     ]
     here = max(begun, key=search.density)
+    own = asked is None
     if asked is None:
         asked = search.instruments(here)
     history, left = [here.log_likelihood], 0.0
     for number in range(SETS):
-        before = search.density(here)
+        before, shorter = search.density(here), 0
         for step in range(STEPS if counts.any() else 0):
             inner, slope = search.quadratic(asked, here)
-            left = 0.5 * float(slope @ np.linalg.solve(inner, slope))
+            left = search.promised(inner, slope)
             progress(
                 f"step {number + 1}.{step + 1}: log-likelihood {here.log_likelihood:.0f}, "
                 f"{left:.1f} to gain"
             )
-            there = None if left < ENOUGH else search.stepped(here, inner, slope)
+            if left < ENOUGH:
+                break
+            there, shorter = search.stepped(here, inner, slope, max(shorter - 1, 0))
             if there is None:
                 break
             grown = search.density(there) - search.density(here)
@@ -149,11 +158,13 @@ def climbed(
             history.append(here.log_likelihood)
             if grown < 0.5 * ENOUGH:
                 break
-        if search.density(here) - before < FAR:
+        gained = search.density(here) - before
+        if gained < (FAR if left < NEAR else ENOUGH) and (own or left < NEAR):
             break
-        asked = search.instruments(here)
+        asked, own = search.instruments(here), True
     done = causal.passed(model, *search.unknowns(here), here.path, counts)
-    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), left < ENDED, left)
+    ended = left < max(NEAR, ENDED * search.count)
+    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), ended, left)
     return Weighed(settled, *search.told(asked, here, settled), asked)
 
 
@@ -189,6 +200,14 @@ class _Search:
         self._both = np.zeros((count + self._noises.size, size + self._noises.size))
         self._both[:count, :size] = self._root[by.free[0]]
         self._both[count:, size:] = np.diag(self._spread)
+        # A logarithm that runs to nothing promises more the farther it may go, and gains nothing.
+        self._longest = np.full(size + self._noises.size, np.inf)
+        self._longest[size:] = scoring.LONGEST / self._spread
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return self._both.shape[0]
 
     def unknowns(self, point: Point) -> Unknowns:
         """Of a point."""
@@ -234,23 +253,35 @@ class _Search:
         inner = np.eye(self._both.shape[1]) + self._both.T @ matrix @ self._both
         return inner, self._both.T @ score - self.off(point)
 
+    def promised(
+        self, inner: Float[np.ndarray, "unit unit"], slope: Float[np.ndarray, " unit"]
+    ) -> float:
+        """What a step would gain by the quadratic form [nat]."""
+        move = quasi_newton.bounded(inner, slope, self._longest)
+        return float(move @ slope - 0.5 * move @ inner @ move)
+
     def stepped(
-        self, here: Point, inner: Float[np.ndarray, "unit unit"], slope: Float[np.ndarray, " unit"]
-    ) -> Point | None:
-        """A step that makes flight and beliefs more probable; None if there is none."""
+        self,
+        here: Point,
+        inner: Float[np.ndarray, "unit unit"],
+        slope: Float[np.ndarray, " unit"],
+        shorter: int,
+    ) -> tuple[Point | None, int]:
+        """A step that makes flight and beliefs more probable; None if there is none.
+
+        And which of `SHARES` it was, from `shorter` on.
+        """
         size = self._root.shape[1]
-        longest = np.full(slope.size, np.inf)
-        longest[size:] = scoring.LONGEST / self._spread
-        for damping in DAMPED:
-            damped = inner + damping * np.diag(np.diagonal(inner))
-            move = quasi_newton.bounded(damped, slope, longest)
+        whole = quasi_newton.bounded(inner, slope, self._longest)
+        for number in range(shorter, len(SHARES)):
+            move = SHARES[number] * whole
             logs = np.array(ravel_pytree(here.log_noise)[0])
             logs[self._noises] += self._spread * move[size:]
             means = self._means(here.values + self._root @ move[:size])
             there = self.passed(Unknowns(means, self._logs(jnp.asarray(logs))), here.path)
             if self.density(there) > self.density(here) - SLACK:
-                return there
-        return None
+                return there, number
+        return None, len(SHARES)
 
     def told(self, asked: Instruments, point: Point, done: Settled) -> tuple[Told, Told]:
         """What fitted rows say of all parameters, and what the others say."""
@@ -276,4 +307,4 @@ class _Search:
         if not counts.any():
             return scatter, score
         slope = self._by.curvature.on(scatter, self._by.precision).slope
-        return godambe.quadratic(slope, scatter, score)
+        return godambe.quadratic(slope, scatter, score, self._by.precision)

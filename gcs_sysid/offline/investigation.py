@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
+from gcs_sysid.diagnose.aided import beliefs, gain, other_names, quantities, unknowns, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
 from gcs_sysid.diagnose.aided.ranking import NONE_NEEDED, Needed, likeliest_accuracy, rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
@@ -150,20 +150,31 @@ def investigate(
         asking = question
         if sizes is not None:
             asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
-        tested.add(frozenset(best.causes))
-        words = " and ".join(candidate.label for candidate in best.causes)
-        trial = asking.tested(
-            telling(f"trying {words}", turn),
-            best.causes,
-            standing.settled,
-            relations,
-            causes=wherever(best.causes, every),
-            accuracy=best.accuracy,
-            moved=listed.alone(best.causes, best.posterior.mean),
-            near=standing if asking is question else None,
-        )
+        foretold = listed.alone(best.causes, best.posterior.mean)
+        asked_for = [(best.causes, foretold)]
+        twin = other_names.renamed(best.causes, foretold, listed, every)
+        if twin is not None and frozenset(twin.causes) not in tested:
+            asked_for.append((twin.causes, twin.values))
+        trials = [
+            asking.tested(
+                telling(f"trying {' and '.join(each.label for each in causes)}", turn),
+                causes,
+                standing.settled,
+                relations,
+                causes=wherever(causes, every),
+                accuracy=best.accuracy,
+                moved=moved,
+                near=standing if asking is question else None,
+            )
+            for causes, moved in asked_for
+        ]
+        tested |= {frozenset(causes) for causes, _ in asked_for}
+        trial = max(trials, key=lambda one: one.log_likelihood)
+        won = trial.log_likelihood - trials[0].log_likelihood
+        if twin is not None and won > REFUTED:
+            needed = Needed((twin.other,), won)
         lost = standing.log_likelihood - trial.log_likelihood
-        more = all(cause in best.causes for cause in standing.causes)
+        more = all(cause in trial.causes for cause in standing.causes)
         if lost > REFUTED and not more:
             needed = Needed(standing.causes, lost)
         else:

@@ -195,8 +195,8 @@ def weigh(
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     begun = [] if moved is None else [before.mean + moved]
-    if moved is None or (asked is not None and fitted.any()):
-        # The same question as before: its answer may be nearer than what linear evidence foretells.
+    if moved is None or fitted.any():
+        # Where it was before may be nearer than what linear evidence foretells.
         begun.append(start.values)
     first = [settling.at(replace(start, values=values), subject.first.means) for values in begun]
     return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)

@@ -8,6 +8,9 @@ import pytest
 from gcs_sysid.estimate import godambe
 from gcs_sysid.reconstruct.causal import Told
 
+SURE = np.zeros((4, 4))
+"""Precision where nothing is believed before."""
+
 
 def scored(count: int = 4, *, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Slope, scatter and one draw of the scores."""
@@ -23,7 +26,7 @@ def scored(count: int = 4, *, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np
 
 def test_of_the_likelihoods_own_slope_it_is_information_and_slope() -> None:
     _, scatter, score = scored()
-    matrix, slope = godambe.quadratic(scatter, scatter, score)
+    matrix, slope = godambe.quadratic(scatter, scatter, score, SURE)
     np.testing.assert_allclose(matrix, scatter)
     np.testing.assert_allclose(slope, score)
 
@@ -33,7 +36,7 @@ def test_its_greatest_is_where_the_scores_are_nothing_and_scatters_as_it_says() 
     random, found = np.random.default_rng(8), []
     for _ in range(4000):
         score = np.linalg.cholesky(scatter) @ random.normal(size=4)
-        matrix, along = godambe.quadratic(slope, scatter, score)
+        matrix, along = godambe.quadratic(slope, scatter, score, SURE)
         found.append(np.linalg.solve(matrix, along))
         np.testing.assert_allclose(score, slope @ found[-1])
     np.testing.assert_allclose(
@@ -45,16 +48,31 @@ def test_what_is_one_and_the_same_is_no_more_than_one() -> None:
     slope, scatter, score = scored()
     twice = np.eye(4)[:, [0, 1, 2, 3, 3]]
     matrix, along = godambe.quadratic(
-        twice.T @ slope @ twice, twice.T @ scatter @ twice, twice.T @ score
+        *(twice.T @ slope @ twice, twice.T @ scatter @ twice, twice.T @ score),
+        np.zeros((5, 5)),
     )
-    once = godambe.quadratic(slope, scatter, score)
+    once = godambe.quadratic(slope, scatter, score, SURE)
     np.testing.assert_allclose(matrix, twice.T @ once[0] @ twice, atol=1e-6 * once[0].max())
     np.testing.assert_allclose(along, twice.T @ once[1], atol=1e-6 * np.abs(once[1]).max())
 
 
+def test_an_error_in_how_scores_move_is_not_made_much_of() -> None:
+    """A score that hardly scatters, and seems to be moved by what it knows nothing of."""
+    scatter = np.diag([1e-9, 1.0, 400.0, 1.0])
+    slope = scatter.copy()
+    slope[0, 1] = 1e-3
+    score = np.array([3e-5, 0.5, 30.0, 0.0])
+    made_much, _ = godambe.quadratic(slope, scatter, score, SURE)
+    assert made_much[1, 1] > 900.0
+    matrix, along = godambe.quadratic(slope, scatter, score, np.eye(4))
+    # All else is as it was, but for a hundredth of what was believed.
+    np.testing.assert_allclose(np.diagonal(matrix)[1:], [1.0, 400.0, 1.0], rtol=0.011)
+    np.testing.assert_allclose(along[1:], score[1:], rtol=0.011)
+
+
 def test_nothing_measured_says_nothing() -> None:
     none = np.zeros((3, 3))
-    matrix, along = godambe.quadratic(none, none, np.zeros(3))
+    matrix, along = godambe.quadratic(none, none, np.zeros(3), none)
     assert not matrix.any()
     assert not along.any()
 

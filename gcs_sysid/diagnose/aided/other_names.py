@@ -1,0 +1,69 @@
+"""One effect under its other name.
+
+An airspeed that lags and one that is late leave nearly the same trace at held gains. Where flights
+settled with the one, linear evidence goes on preferring it, though with the other they may be
+hundreds of nats more probable: which it is, is told by settling with either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.cause import Candidate
+
+
+class Renamed(NamedTuple):
+    """A set of causes of which one goes by its other name.
+
+    Attributes:
+        causes: with the other one in its place.
+        other: that one.
+        values: departures of all unknowns, what was the one's now the other's.
+    """
+
+    causes: tuple[Candidate, ...]
+    other: Candidate
+    values: Float[np.ndarray, " unknown"]
+
+
+def renamed(
+    causes: Sequence[Candidate],
+    values: Float[np.ndarray, " unknown"],
+    unknowns: Unknowns,
+    every: Sequence[Candidate],
+) -> Renamed | None:
+    """The same causes with another name for one of them; None where each has one only.
+
+    Args:
+        causes: what is set free.
+        values: departures of all unknowns.
+        unknowns: in whose order, and which quantities are two names for one thing.
+        every: all causes.
+    """
+    for one in causes:
+        for pair in unknowns.either:
+            mine = pair & set(one.frees)
+            others = [each for each in every if mine and set(each.frees) == pair - mine]
+            if others:
+                swapped = tuple(others[0] if each is one else each for each in causes)
+                moved = _handed_on(*mine, *others[0].frees, values, unknowns)
+                return Renamed(swapped, others[0], moved)
+    return None
+
+
+def _handed_on(
+    name: str, other: str, values: Float[np.ndarray, " unknown"], unknowns: Unknowns
+) -> Float[np.ndarray, " unknown"]:
+    """Departures with one quantity's, the ordinary part of it too, in another's place."""
+    here, there = (unknowns.names.index(each) for each in (name, other))
+    along = unknowns.directions[:, here - unknowns.parameters]
+    ordinary = np.flatnonzero(along)
+    total = values[here] + float(np.mean(values[ordinary] / along[ordinary]))
+    moved = values.copy()
+    moved[ordinary], moved[here], moved[there] = 0.0, 0.0, total
+    return moved
