@@ -39,14 +39,10 @@ FAR = 200.0
 """Where steps gained more together, the instruments are made anew [nat]: they serve all around, and
 are half a minute's work."""
 NEAR = 30.0
-"""Where a step with new instruments would promise less, others are not made [nat]."""
-ENDED = 0.5
-"""Where a step promises less for each unknown, the search has ended [nat]: on average they are a
-deviation from where all scores vanish, and a flight whose noise is not quite what the model takes
-it for is most probable no nearer to there."""
+"""Where a step promises less, the search has ended, and no instruments are made anew [nat]."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
-SHARES = (1.0, 0.3, 0.1, 0.03)
+SHARES = (1.0, 0.3, 0.1)
 """Of a step, one after the other, until one gains. What bends is not how well each unknown is known
 but the way: where the centre of gravity moves, the moment's slope has to go along."""
 
@@ -75,12 +71,16 @@ class Weighed(NamedTuple):
         told: what the rows that were fitted say of all parameters, intensities integrated out.
         apart: what the others say, with intensities as they were found.
         asked: instruments by which they say it.
+        doubt: square of the deviations that the unknowns are from where all scores vanish, on
+            average: where the flight is most probable elsewhere, it knows by so much less than
+            either says (Birge, Physical Review 40, 1932). Not below 1.
     """
 
     settled: Settled
     told: Told
     apart: Told
     asked: Instruments
+    doubt: float = 1.0
 
 
 def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: Beliefs) -> Relation:
@@ -135,14 +135,14 @@ def climbed(
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
     ]
     here = max(begun, key=search.density)
-    own = asked is None
-    if asked is None:
-        asked = search.instruments(here)
+    used = search.instruments(here) if asked is None else asked
     history, left = [here.log_likelihood], 0.0
     for number in range(SETS):
+        if number:
+            used = search.instruments(here)
         before, shorter = search.density(here), 0
         for step in range(STEPS if counts.any() else 0):
-            inner, slope = search.quadratic(asked, here)
+            inner, slope = search.quadratic(used, here)
             left = search.promised(inner, slope)
             progress(
                 f"step {number + 1}.{step + 1}: log-likelihood {here.log_likelihood:.0f}, "
@@ -158,14 +158,13 @@ def climbed(
             history.append(here.log_likelihood)
             if grown < 0.5 * ENOUGH:
                 break
-        gained = search.density(here) - before
-        if gained < (FAR if left < NEAR else ENOUGH) and (own or left < NEAR):
+        gained, made_here = search.density(here) - before, asked is None or number > 0
+        if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
-        asked, own = search.instruments(here), True
     done = causal.passed(model, *search.unknowns(here), here.path, counts)
-    ended = left < max(NEAR, ENDED * search.count)
-    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), ended, left)
-    return Weighed(settled, *search.told(asked, here, settled), asked)
+    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), left < NEAR, left)
+    doubt = max(2.0 * left / search.count, 1.0)
+    return Weighed(settled, *search.told(used, here, settled), used, doubt)
 
 
 class _Search:
@@ -269,12 +268,18 @@ class _Search:
     ) -> tuple[Point | None, int]:
         """A step that makes flight and beliefs more probable; None if there is none.
 
-        And which of `SHARES` it was, from `shorter` on.
+        Of all unknowns, or else of the intensities alone: these are asked by the likelihood's own
+        slope, and gain where the parameters, which are not, stand in the way.
+
+        Returns:
+            Where it leads, and which of `SHARES` it was, from `shorter` on.
         """
         size = self._root.shape[1]
-        whole = quasi_newton.bounded(inner, slope, self._longest)
-        for number in range(shorter, len(SHARES)):
-            move = SHARES[number] * whole
+        every, noise = quasi_newton.bounded(inner, slope, self._longest), np.zeros_like(slope)
+        noise[size:] = quasi_newton.bounded(inner[size:, size:], slope[size:], self._longest[size:])
+        tried = [(number, SHARES[number] * every) for number in range(shorter, len(SHARES))]
+        tried += [(len(SHARES), share * noise) for share in SHARES]
+        for number, move in tried:
             logs = np.array(ravel_pytree(here.log_noise)[0])
             logs[self._noises] += self._spread * move[size:]
             means = self._means(here.values + self._root @ move[:size])

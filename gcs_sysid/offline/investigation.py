@@ -180,14 +180,14 @@ def investigate(
         else:
             standing, question, reached = trial, asking, sizes or reached
         ranked = rank(standing.information, listed, every, needed)
-    information, apart, done = standing.information, standing.apart, standing.settled
+    information, apart, done = standing.information, standing.apart, standing.each
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(standing)
     ranked, probability = unlisted.weighed(ranked, missing)
     if missing is not None and unlisted.named(missing, probability, ranked):
         wider = asked.question(reached, missing)
-        begun = question.carried(done, wider, missing)
+        begun = question.carried(standing.settled, wider, missing)
         with_it = wider.tested(
             telling(f"trying {missing.coefficient} {missing.key}", ROUNDS),
             (_MISSING,),
@@ -196,7 +196,7 @@ def investigate(
             causes=(_MISSING,),
         )
         missing, gained = wider.found(with_it, missing)
-        question, done = wider, with_it.settled
+        question, done = wider, with_it.each
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
     for subject, last in zip(question.subjects, done, strict=True):
         settled.rested(subject, last)
@@ -212,11 +212,11 @@ def investigate(
         missing_gain=gained,
         model=question.model,
         subjects=question.subjects,
-        settled=tuple(done),
+        settled=tuple(last.settled for last in done),
         notes=tuple(
             f"{one.one.recording.source}: the filter had not quite settled after its last turn"
             for one, last in zip(question.subjects, done, strict=True)
-            if not last.ended
+            if not last.settled.ended
         ),
     )
 

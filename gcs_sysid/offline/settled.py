@@ -36,6 +36,8 @@ from gcs_sysid.reconstruct import aided_smoother, causal
 
 RELATED = 2000
 """Rows of the stretch on which it is worked out how errors move scores."""
+MOST_DOUBT = 4.0
+"""Where intervals would have to be more than twice as wide (`Weighed.doubt`), nothing is said."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -202,13 +204,14 @@ def weigh(
     return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)
 
 
-def rested(subject: Subject, done: Settled) -> None:
+def rested(subject: Subject, found: Weighed) -> None:
     """Lets pass what has settled.
 
     Raises:
         RefusedError: the search ended far from rest.
     """
-    if done.restless:
+    # A filter that lost the aircraft leaves what is no number.
+    if not found.settled.ended and not found.doubt <= MOST_DOUBT:
         raise RefusedError(
             subject.one.recording.source,
             "the simulation's own model found no rest inside the filter",
@@ -223,10 +226,10 @@ def told(
     """What a flight says of all unknowns by what was fitted, and by what was not.
 
     Scores are told relative to the beliefs' mean. Rows count for less where scores of blocks
-    scatter more than independent innovations would.
+    scatter more than independent innovations would, or do not vanish.
     """
     done, both = found.settled, []
-    share = 1.0 / settling.scatter(done, before)
+    share = 1.0 / max(settling.scatter(done, before), found.doubt)
     for part in (found.told, found.apart):
         score = part.score + part.matrix @ (done.values - before.mean)
         both.append(of_flight(unknowns, number, part.matrix, score, part.count).weighed(share))
@@ -276,6 +279,7 @@ def with_terms(
         godambe.widened(found.told, last.told),
         godambe.widened(found.apart, last.apart),
         found.asked,
+        found.doubt,
     )
 
 

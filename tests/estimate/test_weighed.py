@@ -151,3 +151,16 @@ def test_what_another_search_found_does_not_stay_where_it_is_held(by, ended) -> 
     np.testing.assert_array_equal(found.settled.values[~DERIVATIVES], FLAT[~DERIVATIVES])
     (mean, deviation), (other, _) = posterior(ended), posterior(found)
     np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
+
+
+def test_instruments_that_lead_nowhere_are_made_anew(by, ended) -> None:
+    """Those of another point that point the wrong way: no share of a step gains."""
+    away = ended.asked._replace(
+        innovations=tuple(-part for part in ended.asked.innovations),
+        spreads=tuple(-part for part in ended.asked.spreads),
+    )
+    begun = [made.unknowns(1.2)]
+    found = weighed.climbed(made.MODEL, FLIGHT, begun, beliefs(), EVERY, by, lambda _: None, away)
+    assert found.settled.ended
+    (mean, deviation), (other, _) = posterior(ended), posterior(found)
+    np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -13,9 +12,10 @@ from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.estimate.weighed import Weighed
 from gcs_sysid.offline import investigation, settled
 from gcs_sysid.offline.settled import Subject
-from gcs_sysid.reconstruct.causal import Pass
+from gcs_sysid.reconstruct.causal import Pass, Told
 from tests.diagnose.aided import made_unknowns as made
 from tests.estimate import made_flight
 
@@ -54,10 +54,26 @@ def test_a_favourite_is_tried_with_a_file_as_accurate_as_it_has_it(accuracy: flo
 def test_a_search_that_found_no_rest_is_refused() -> None:
     subject = Mock(spec=Subject, one=Mock())
     subject.one.recording.source = "shaken.tlog"
-    far = Settled(
-        np.zeros(2), SILENT.mean, Mock(spec=Pass), np.ones(3, dtype=bool), (), False, 600.0
-    )
+    far = Mock(spec=Weighed, settled=Mock(spec=Settled, ended=False), doubt=4.5)
     with pytest.raises(RefusedError, match=r"shaken\.tlog.*no rest"):
         settled.rested(subject, far)
-    settled.rested(subject, replace(far, left=40.0))
-    settled.rested(subject, replace(far, ended=True))
+    far.doubt = float("nan")
+    with pytest.raises(RefusedError):
+        settled.rested(subject, far)
+    far.doubt = 3.5
+    settled.rested(subject, far)
+    far.doubt, far.settled.ended = 4.5, True
+    settled.rested(subject, far)
+
+
+@pytest.mark.parametrize(("doubt", "share"), [(1.0, 1.0), (2.5, 0.4)])
+def test_where_scores_do_not_vanish_a_flight_says_less(doubt: float, share: float) -> None:
+    """Two samples that say the same of one parameter: nothing scatters."""
+    before = Beliefs(np.zeros(4), np.diag(made.ORDINARY**2), SILENT)
+    told = Told(np.diag(np.full(4, 100.0)), np.array([3.0, 0.0, 0.0, 0.0]), 50.0)
+    blocks = np.tile([1.0, 1.0, 1.0, 1.0], (5, 1))
+    last = Mock(spec=Pass, told=told, apart=told, blocks=blocks)
+    done = Mock(spec=Settled, last=last, values=np.zeros(4))
+    found = Mock(spec=Weighed, settled=done, told=told, apart=told, doubt=doubt)
+    information, _ = settled.told(made.listed(), 0, before, found)
+    np.testing.assert_allclose(np.diagonal(information.gram)[:4], 100.0 * share)
