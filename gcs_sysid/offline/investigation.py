@@ -151,24 +151,26 @@ def investigate(
         if sizes is not None:
             asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
         foretold = listed.alone(best.causes, best.posterior.mean)
-        asked_for = [(best.causes, foretold)]
+        asked_for: list[tuple[Sequence[Candidate], Sequence[Settled], np.ndarray | None]]
+        asked_for = [(best.causes, standing.settled, foretold)]
         twin = other_names.renamed(best.causes, foretold, listed, every)
         if twin is not None and frozenset(twin.causes) not in tested:
-            asked_for.append((twin.causes, twin.values))
+            # Not from where they stood: what goes by the one name there would keep it.
+            asked_for.append((twin.causes, question.at(standing.settled, twin.values), None))
         trials = [
             asking.tested(
                 telling(f"trying {' and '.join(each.label for each in causes)}", turn),
                 causes,
-                standing.settled,
+                begun,
                 relations,
                 causes=wherever(causes, every),
                 accuracy=best.accuracy,
                 moved=moved,
                 near=standing if asking is question else None,
             )
-            for causes, moved in asked_for
+            for causes, begun, moved in asked_for
         ]
-        tested |= {frozenset(causes) for causes, _ in asked_for}
+        tested |= {frozenset(causes) for causes, _, _ in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
         won = trial.log_likelihood - trials[0].log_likelihood
         if twin is not None and won > REFUTED:
@@ -380,6 +382,13 @@ class _Question:
                 )
             )
         return _Tested(tuple(named), each, *_summed(self.listed, self.before, each))
+
+    def at(self, done: Sequence[Settled], values: Float[np.ndarray, " unknown"]) -> list[Settled]:
+        """Where flights were settled, but for the parameters: those of these departures."""
+        return [
+            replace(one, values=own.mean + self.listed.in_flight(number, values))
+            for number, (one, own) in enumerate(zip(done, self.before, strict=True))
+        ]
 
     def missing(self, found: _Tested) -> tuple[MissingTerm | None, float]:
         """A term that nothing listed stands for, and what it gains on what took no part."""
