@@ -27,6 +27,9 @@ MENTIONED = 0.2
 """Probability from which a cause that is not sure is mentioned beside those that are."""
 STRAIN = 3.0
 """A value of the file that had to go further than so many of its sigmas."""
+INCREDIBLE = 4.0
+"""Sigmas of a cause beyond which its size is not believed: a tenth of an inertia in yaw was once
+asked for in the place of a missing term."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,20 @@ def sustained(answer: Verdict, gained: float) -> Verdict:
             nothing took none.
     """
     if answer.answer not in ("effect", "ambiguous") or not gained <= 0.0:
+        return answer
+    return replace(answer, answer="insufficient_data", indistinguishable=())
+
+
+def credible(answer: Verdict, farthest: float) -> Verdict:
+    """The verdict, unless it accuses by a size that nobody would believe of its cause.
+
+    Such a cause stands in for something that is in no catalogue.
+
+    Args:
+        answer: as the ranking has it.
+        farthest: by how many of its own sigmas the cause's most extreme size is off.
+    """
+    if answer.answer not in ("effect", "ambiguous") or farthest < INCREDIBLE:
         return answer
     return replace(answer, answer="insufficient_data", indistinguishable=())
 

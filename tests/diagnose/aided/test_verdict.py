@@ -103,6 +103,17 @@ def test_an_accusation_that_foretells_nothing_better_is_dropped(alike: bool) -> 
     assert dropped.indistinguishable == ()
 
 
+def test_a_size_that_nobody_would_believe_accuses_nobody() -> None:
+    answer, _ = judged(told({"cg.x": -0.1}))
+    assert answer.answer == "effect"
+    assert verdict.credible(answer, 3.9) == answer
+    dropped = verdict.credible(answer, 4.6)
+    assert dropped.answer == "insufficient_data"
+    assert dropped.indistinguishable == ()
+    silent, _ = judged(told({}))
+    assert verdict.credible(silent, 4.6) == silent
+
+
 def test_silence_needs_nothing_to_be_foretold_better() -> None:
     answer, _ = judged(told({}))
     assert verdict.sustained(answer, 0.0) == answer
