@@ -55,7 +55,8 @@ def diagnosed(
     best = answer.best
     gained = found.gained(best.causes)
     answer = verdict.sustained(answer, gained)
-    answer = verdict.credible(answer, _farthest(found, best))
+    farthest = found.unknowns.farthest(best.causes, best.posterior.mean)
+    answer = verdict.credible(answer, max(farthest, found.farthest))
     strained = verdict.strained(found.unknowns.names, found.unknowns.as_accurate(1.0).of_file, best)
     missing = found.missing
     if missing is not None and not unlisted.named(missing, found.unlisted, found.ranked):
@@ -128,15 +129,6 @@ def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:
     """Quantities that the causes free: value and one standard deviation."""
     names = [name for candidate in best.causes for name in candidate.frees]
     return found.unknowns.along(names, best.posterior.mean, best.posterior.covariance)
-
-
-def _farthest(found: Investigation, best: Ranked) -> float:
-    """By how many of its cause's sigmas the most extreme size is off."""
-    sigma, mean = found.unknowns.freed(best.causes)
-    freed = {name for candidate in best.causes for name in candidate.frees}
-    places = [found.unknowns.names.index(name) for name in sorted(freed)]
-    off = np.abs(best.posterior.mean - mean)[places] / sigma[places]
-    return float(np.max(off, initial=0.0))
 
 
 def _limits(best: Ranked | None) -> dict[str, float]:

@@ -26,6 +26,7 @@ from gcs_sysid.diagnose.cause import Candidate, Cause, Parameter
 from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.unlisted import terms
+from gcs_sysid.diagnose.verdict import INCREDIBLE
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model.flight_model import FlightModel
@@ -72,6 +73,8 @@ class Investigation:
         model: the aircraft with all terms, a missing one that is to be named among them.
         subjects: the flights.
         settled: where each of them settled under that model.
+        farthest: by how many of its causes' sigmas the most extreme size was off of a favourite
+            that was not believed; 0 where none was.
         notes: what the engineer should know.
     """
 
@@ -87,6 +90,7 @@ class Investigation:
     model: FlightModel
     subjects: tuple[Subject, ...]
     settled: tuple[Settled, ...]
+    farthest: float
     notes: tuple[str, ...]
 
     @property
@@ -141,7 +145,7 @@ def investigate(
     standing, relations = question.begun(telling("flying the simulation along", 0))
     ranked = rank(standing.information, listed, every)
     tested: set[frozenset[Candidate]] = {frozenset()}
-    needed = NONE_NEEDED
+    needed, farthest = NONE_NEEDED, 0.0
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
         sizes = quantities.servo_sizes(_freed(listed, best), reached)
@@ -172,6 +176,11 @@ def investigate(
         ]
         tested |= {frozenset(causes) for causes, _, _ in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
+        off = listed.farthest(trial.causes, _found(listed, trial, best.accuracy))
+        if off > INCREDIBLE:
+            # It stands in for what is in no catalogue, which is to be looked for without it.
+            farthest = off
+            break
         won = trial.log_likelihood - trials[0].log_likelihood
         if twin is not None and won > REFUTED:
             needed = Needed((twin.other,), won)
@@ -201,7 +210,7 @@ def investigate(
         question, done = wider, with_it.each
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
     for subject, last in zip(question.subjects, done, strict=True):
-        settled.rested(subject, last)
+        settled.rested(subject, last.settled)
     return Investigation(
         quantities=question.quantities,
         unknowns=listed,
@@ -215,6 +224,7 @@ def investigate(
         model=question.model,
         subjects=question.subjects,
         settled=tuple(last.settled for last in done),
+        farthest=farthest,
         notes=tuple(
             f"{one.one.recording.source}: the filter had not quite settled after its last turn"
             for one, last in zip(question.subjects, done, strict=True)
@@ -433,6 +443,12 @@ class _Question:
         value, deviation = accurate.along((MISSING,), under.mean, under.covariance)[MISSING]
         gained = gain.gained(information, tested.apart, accurate, (_MISSING,))
         return replace(missing, value=value, deviation=deviation, accuracy=accuracy), gained
+
+
+def _found(listed: Unknowns, trial: _Tested, accuracy: float) -> Float[np.ndarray, " unknown"]:
+    """What flights say of all unknowns where they were searched with causes set free."""
+    given = listed.as_accurate(accuracy).freed(trial.causes)
+    return posterior(trial.information, *given).mean
 
 
 def _about(telling: Telling, number: int) -> Callable[[str], None]:

@@ -36,8 +36,6 @@ from gcs_sysid.reconstruct import aided_smoother, causal
 
 RELATED = 2000
 """Rows of the stretch on which it is worked out how errors move scores."""
-MOST_DOUBT = 4.0
-"""Where intervals would have to be more than twice as wide (`Weighed.doubt`), nothing is said."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -204,14 +202,13 @@ def weigh(
     return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)
 
 
-def rested(subject: Subject, found: Weighed) -> None:
+def rested(subject: Subject, done: Settled) -> None:
     """Lets pass what has settled.
 
     Raises:
         RefusedError: the search ended far from rest.
     """
-    # A filter that lost the aircraft leaves what is no number.
-    if not found.settled.ended and not found.doubt <= MOST_DOUBT:
+    if done.restless:
         raise RefusedError(
             subject.one.recording.source,
             "the simulation's own model found no rest inside the filter",

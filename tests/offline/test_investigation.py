@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -54,16 +55,13 @@ def test_a_favourite_is_tried_with_a_file_as_accurate_as_it_has_it(accuracy: flo
 def test_a_search_that_found_no_rest_is_refused() -> None:
     subject = Mock(spec=Subject, one=Mock())
     subject.one.recording.source = "shaken.tlog"
-    far = Mock(spec=Weighed, settled=Mock(spec=Settled, ended=False), doubt=4.5)
+    far = Settled(
+        np.zeros(2), SILENT.mean, Mock(spec=Pass), np.ones(3, dtype=bool), (), False, 600.0
+    )
     with pytest.raises(RefusedError, match=r"shaken\.tlog.*no rest"):
         settled.rested(subject, far)
-    far.doubt = float("nan")
-    with pytest.raises(RefusedError):
-        settled.rested(subject, far)
-    far.doubt = 3.5
-    settled.rested(subject, far)
-    far.doubt, far.settled.ended = 4.5, True
-    settled.rested(subject, far)
+    settled.rested(subject, replace(far, left=40.0))
+    settled.rested(subject, replace(far, ended=True))
 
 
 @pytest.mark.parametrize(("doubt", "share"), [(1.0, 1.0), (2.5, 0.4)])

@@ -71,6 +71,12 @@ class Unknowns:
         kept = [index < self.parameters or name in freed for index, name in enumerate(self.names)]
         return np.where(kept, values, 0.0)
 
+    def farthest(self, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]) -> float:
+        """By how many of its own sigmas the most extreme size of causes is off; 0 of none."""
+        sigma, mean = self.freed(causes)
+        freed = [self.names.index(name) for candidate in causes for name in candidate.frees]
+        return float(np.max(np.abs(values - mean)[freed] / sigma[freed], initial=0.0))
+
     def as_it_is(self, causes: Sequence[Candidate]) -> Unknowns:
         """With what causes are about held where the file has it, ordinary errors too."""
         freed = [self.names.index(name) for candidate in causes for name in candidate.frees]

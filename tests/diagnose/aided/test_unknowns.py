@@ -206,3 +206,14 @@ def test_what_a_cause_explains_as_well_is_not_called_unlisted() -> None:
     surer = replace(found, log_bayes_factor=found.log_bayes_factor + 20.0)
     assert unlisted.weighed(ranked, surer)[1] > 0.99
     assert unlisted.weighed(ranked, None) == (ranked, 0.0)
+
+
+def test_the_most_extreme_size_is_told_in_its_own_causes_sigmas() -> None:
+    every = listed()
+    values = np.zeros(len(every.names))
+    values[every.names.index("mass")], values[every.names.index("cg.x")] = 0.25, -0.32
+    mass, cg, _ = EVERY
+    assert every.farthest((), values) == 0.0
+    assert every.farthest((mass,), values) == pytest.approx(0.25 / mass.cause.parameters[0].sigma)
+    both = every.farthest((mass, cg), values)
+    assert both == pytest.approx(0.32 / cg.cause.parameters[0].sigma)
