@@ -9,7 +9,7 @@ from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
-from gcs_sysid.diagnose.verdict import Verdict
+from gcs_sysid.diagnose.verdict import INCREDIBLE, Verdict
 
 LISTED = 12
 """Sets of causes that the document lists."""
@@ -154,6 +154,20 @@ def detectable(
             if not parameter.expected
         }
     return {name: entry for name, entry in listed.items() if entry}
+
+
+def incredible(farthest: float) -> list[str]:
+    """A warning where the likeliest cause has a size that nobody would believe.
+
+    Args:
+        farthest: by how many of its own sigmas it is off.
+    """
+    if farthest < INCREDIBLE:
+        return []
+    return [
+        f"the likeliest cause would have to be off by {farthest:.1f} of the sigmas it is given, "
+        "which nobody would believe: something that no cause here stands for is at work"
+    ]
 
 
 def strained(bent: Mapping[str, float]) -> list[str]:

@@ -55,8 +55,8 @@ def diagnosed(
     best = answer.best
     gained = found.gained(best.causes)
     answer = verdict.sustained(answer, gained)
-    farthest = found.unknowns.farthest(best.causes, best.posterior.mean)
-    answer = verdict.credible(answer, max(farthest, found.farthest))
+    farthest = max(found.unknowns.farthest(best.causes, best.posterior.mean), found.farthest)
+    answer = verdict.credible(answer, farthest)
     strained = verdict.strained(found.unknowns.names, found.unknowns.as_accurate(1.0).of_file, best)
     missing = found.missing
     if missing is not None and not unlisted.named(missing, found.unlisted, found.ranked):
@@ -103,6 +103,7 @@ def diagnosed(
             *_warnings(flights, found, corrections),
             *departed.paid(gains["channels"]),
             *entries.strained(strained),
+            *([] if missing is not None else entries.incredible(farthest)),
         ],
     }
     return document, table, better

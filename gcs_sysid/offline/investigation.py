@@ -177,7 +177,7 @@ def investigate(
         tested |= {frozenset(causes) for causes, _, _ in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
         off = listed.farthest(trial.causes, _found(listed, trial, best.accuracy))
-        if off > INCREDIBLE:
+        if off >= INCREDIBLE:
             # It stands in for what is in no catalogue, which is to be looked for without it.
             farthest = off
             break
