@@ -12,7 +12,7 @@ from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
-from gcs_sysid.reconstruct import cut
+from gcs_sysid.reconstruct import cut, inertial_filter
 from gcs_sysid.reconstruct.smoother import Inputs
 from gcs_sysid.recording import Recording, Stream
 
@@ -81,6 +81,7 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         RefusedError: when angular rate, airspeed, attitude or velocity is missing.
     """
     source = recording.source
+    aircraft = inertial_filter.behind(aircraft, recording.parameters)
     inertial = _inertial(recording)
     gyro_stream = inertial or recording.first(GYRO_STREAMS, "p", "q", "r")
     if gyro_stream is None:
