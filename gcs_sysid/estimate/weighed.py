@@ -117,6 +117,8 @@ def climbed(
     by: Relation,
     progress: Callable[[str], None],
     asked: Instruments | None = None,
+    *,
+    sets: int = SETS,
 ) -> Weighed:
     """Steps to where scores and beliefs balance, none of which makes the flight less probable.
 
@@ -129,6 +131,7 @@ def climbed(
         by: relation of the same flight at another point nearby.
         progress: told about every step.
         asked: instruments of the same flight at another point nearby, where they are known.
+        sets: times that instruments are used at most, those given among them.
     """
     search = _Search(model, first[0], beliefs, counts, by)
     begun = [
@@ -137,7 +140,7 @@ def climbed(
     here = max(begun, key=search.density)
     used = search.instruments(here) if asked is None else asked
     history, left = [here.log_likelihood], 0.0
-    for number in range(SETS):
+    for number in range(sets):
         if number:
             used = search.instruments(here)
         before, shorter = search.density(here), 0

@@ -408,7 +408,9 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     def shifted(group: int, delay: Float[Array, ""]) -> State:
         by = row.measured.age[group] - delay
         return state._replace(
-            attitude=frames.multiply(state.attitude, frames.exponential(by * rate)),
+            attitude=frames.multiply(
+                state.attitude, frames.exponential(by * rate + 0.5 * by * by * change.rate)
+            ),
             velocity=state.velocity + by * change.velocity,
         )
 

@@ -86,6 +86,8 @@ def prepare(
     aircraft: Aircraft,
     states: Reconstruction,
     others: Sequence[tuple[Aircraft, float]] = (),
+    *,
+    late: float = 0.0,
 ) -> Flight:
     """Rows of the aided filter on the inertial unit's clock, holes filled.
 
@@ -98,6 +100,8 @@ def prepare(
         states: the kinematic reconstruction: sensors on one clock, and a first guess.
         others: the aircraft with one thing about its servos changed, and how much of it that is;
             each makes one of `Row.control_changes` and `Row.setting_changes`, per unit of it.
+        late: delay of the surfaces beyond the file's [s] about which `Row.control_slopes` are
+            taken: commands come in steps, and over some milliseconds surfaces turn corners.
     """
     kept, time = _without_holes(states.time)
     data = states.data
@@ -105,10 +109,10 @@ def prepare(
     moments = before[:, None] + (time - HAIR - before)[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
     told = SERVO_STREAM in recording.streams
 
-    def moved(one: Aircraft, late: float = 0.0) -> Float[np.ndarray, "row three control"]:
+    def moved(one: Aircraft, further: float = 0.0) -> Float[np.ndarray, "row three control"]:
         if not told:
             return np.zeros((time.size, 3, len(one.control_names)))
-        return runge_kutta.inputs(_controls(recording, one, moments, late))
+        return runge_kutta.inputs(_controls(recording, one, moments, late + further))
 
     controls = moved(aircraft)
     slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
@@ -132,7 +136,7 @@ def prepare(
 
     rows = Row(
         step=np.diff(time, prepend=time[:1]),
-        controls=controls,
+        controls=controls - late * slopes,
         control_slopes=slopes,
         control_changes=changed(moved, controls),
         settings=settings,

@@ -27,6 +27,7 @@ from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.unlisted import terms
 from gcs_sysid.diagnose.verdict import INCREDIBLE
+from gcs_sysid.estimate import weighed
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model.flight_model import FlightModel
@@ -142,8 +143,17 @@ def investigate(
             f"{doing}: {text}", (len(flights) * turn + number) / steps
         )
 
-    standing, relations = question.begun(telling("flying the simulation along", 0))
+    flying = telling("flying the simulation along", 0)
+    question, begun = question.begun(flying)
+    flying("working out how errors show", len(flights) - 1)
+    relations = question.relations(begun)
+    # Where a cause stands out at once, what is left to gain without it is of no use.
+    standing = question.tested(flying, (), begun, relations, sets=1)
     ranked = rank(standing.information, listed, every)
+    roughly = bool(ranked[0].causes)
+    if not roughly:
+        standing = question.rested(flying, standing, relations)
+        ranked = rank(standing.information, listed, every)
     tested: set[frozenset[Candidate]] = {frozenset()}
     needed, farthest = NONE_NEEDED, 0.0
     for turn in range(1, ROUNDS + 1):
@@ -191,13 +201,16 @@ def investigate(
         else:
             standing, question, reached = trial, asking, sizes or reached
         ranked = rank(standing.information, listed, every, needed)
+    if roughly and not standing.causes:
+        standing = question.rested(flying, standing, relations)
+        ranked = rank(standing.information, listed, every, needed)
     information, apart, done = standing.information, standing.apart, standing.each
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(standing)
     ranked, probability = unlisted.weighed(ranked, missing)
     if missing is not None and unlisted.named(missing, probability, ranked):
-        wider = asked.question(reached, missing)
+        wider = asked.question(reached, missing).as_late_as(question)
         begun = question.carried(standing.settled, wider, missing)
         with_it = wider.tested(
             telling(f"trying {missing.coefficient} {missing.key}", ROUNDS),
@@ -335,15 +348,25 @@ class _Question:
         subjects = tuple(settled.with_servos(one, found) for one in self.subjects)
         return replace(self, quantities=found, subjects=subjects)
 
-    def begun(self, telling: Telling) -> tuple[_Tested, list[Relation]]:
-        """The flights under the simulation's own beliefs, and how errors show in them."""
+    def as_late_as(self, other: _Question) -> _Question:
+        """The same with surfaces looked up about the delays of another question."""
+        subjects = tuple(
+            settled.with_servos(replace(one, late=its.late), self.quantities)
+            for one, its in zip(self.subjects, other.subjects, strict=True)
+        )
+        return replace(self, subjects=subjects)
+
+    def begun(self, telling: Telling) -> tuple[_Question, list[Settled]]:
+        """Flights settled by turns under the simulation's own beliefs, and the question there."""
         begun = [
             settled.begin(self.model, one, own, _about(telling, number))
             for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True))
         ]
-        telling("working out how errors show", len(self.subjects) - 1)
-        relations = self.relations(begun)
-        return self.tested(telling, (), begun, relations), relations
+        subjects = tuple(
+            settled.with_delay(one, self.quantities, done)
+            for one, done in zip(self.subjects, begun, strict=True)
+        )
+        return replace(self, subjects=subjects), begun
 
     def relations(self, done: Sequence[Settled]) -> list[Relation]:
         """How errors of all unknowns move the scores of each flight."""
@@ -363,6 +386,7 @@ class _Question:
         accuracy: float = 1.0,
         moved: Float[np.ndarray, " unknown"] | None = None,
         near: _Tested | None = None,
+        sets: int = weighed.SETS,
     ) -> _Tested:
         """Every flight searched with causes set free, and what all say there.
 
@@ -376,6 +400,7 @@ class _Question:
                 have wrong is not to move in the cause's stead.
             moved: departures of all unknowns to begin with; None where they were before.
             near: where the same question was answered before, nearby.
+            sets: times that instruments are used at most in each flight.
         """
         each, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
@@ -389,9 +414,16 @@ class _Question:
                     _about(telling, number),
                     moved=None if moved is None else self.listed.in_flight(number, moved),
                     asked=None if near is None else near.each[number].asked,
+                    sets=sets,
                 )
             )
         return _Tested(tuple(named), each, *_summed(self.listed, self.before, each))
+
+    def rested(self, telling: Telling, found: _Tested, relations: Sequence[Relation]) -> _Tested:
+        """Flights searched on without any cause, unless all have come to rest."""
+        if all(one.ended for one in found.settled):
+            return found
+        return self.tested(telling, (), found.settled, relations, near=found)
 
     def at(self, done: Sequence[Settled], values: Float[np.ndarray, " unknown"]) -> list[Settled]:
         """Where flights were settled, but for the parameters: those of these departures."""

@@ -36,6 +36,8 @@ from gcs_sysid.reconstruct import aided_smoother, causal
 
 RELATED = 2000
 """Rows of the stretch on which it is worked out how errors move scores."""
+STRAIGHT = 2.0 * aided_flight.SLOPE_STEP
+"""Surfaces are taken to move on as they do over so much of a delay [s]."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -49,12 +51,14 @@ class Subject:
         rows: as the filter reads it.
         first: where a search begins.
         fitted: rows that take part.
+        late: delay of the surfaces beyond the file's [s] about which they are looked up.
     """
 
     one: Flight
     rows: flight_rows.Flight
     first: flight_rows.Unknowns
     fitted: Bool[np.ndarray, " row"]
+    late: float = 0.0
 
 
 def flown(flights: Sequence[Flight], aircraft: Aircraft) -> Flown:
@@ -111,9 +115,27 @@ def prepare(one: Flight, found: Quantities, held_out: Sequence[int], *, apart: b
 
 def with_servos(subject: Subject, found: Quantities) -> Subject:
     """The flight with what other sizes of lag and play do to its controls."""
+    return _looked_up(subject, found, subject.late)
+
+
+def with_delay(subject: Subject, found: Quantities, done: Settled) -> Subject:
+    """The flight with its surfaces looked up about the delay that it was settled with.
+
+    Where telemetry samples commands that change five times between two messages, what is told holds
+    half an interval too long.
+    """
+    late = float(settling.at(done, subject.first.means).means.sensors.surface_delay)
+    if abs(late - subject.late) < STRAIGHT:
+        return subject
+    return _looked_up(subject, found, late)
+
+
+def _looked_up(subject: Subject, found: Quantities, late: float) -> Subject:
     one = subject.one
-    rows = aided_flight.prepare(one.recording, found.aircraft, one.reconstruction, found.servos)
-    return replace(subject, rows=rows)
+    rows = aided_flight.prepare(
+        one.recording, found.aircraft, one.reconstruction, found.servos, late=late
+    )
+    return replace(subject, rows=rows, late=late)
 
 
 def model_of(found: Quantities) -> FlightModel:
@@ -180,6 +202,7 @@ def weigh(
     *,
     moved: Float[np.ndarray, " parameter"] | None = None,
     asked: Instruments | None = None,
+    sets: int = weighed.SETS,
 ) -> Weighed:
     """A flight searched and weighed.
 
@@ -192,6 +215,7 @@ def weigh(
         progress: told what is being done.
         moved: departures from the beliefs' mean to begin with; None to begin where it was.
         asked: instruments of the flight at another point nearby, where they are known.
+        sets: times that instruments are used at most.
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     begun = [] if moved is None else [before.mean + moved]
@@ -199,7 +223,7 @@ def weigh(
         # Where it was before may be nearer than what linear evidence foretells.
         begun.append(start.values)
     first = [settling.at(replace(start, values=values), subject.first.means) for values in begun]
-    return weighed.climbed(model, rows, first, before, fitted, by, progress, asked)
+    return weighed.climbed(model, rows, first, before, fitted, by, progress, asked, sets=sets)
 
 
 def rested(subject: Subject, done: Settled) -> None:

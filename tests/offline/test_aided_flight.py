@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gcs_sysid import aircraft_file
+from gcs_sysid.aircraft import StreamTiming
 from gcs_sysid.offline import aided_flight, flight, maneuver_choice
+from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.sources.registry import open_recording
 
 pytestmark = [pytest.mark.shared, pytest.mark.slow, pytest.mark.timeout(600)]
 
 
-def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(shared: Path) -> None:
-    """And not at the airspeed, that a gust from ahead raises without bringing the next one nearer.
-
-    Both are within a few per cent, and it is their difference that is looked at.
-    """
+@pytest.fixture(scope="module")
+def one(shared: Path) -> Flight:
     folder = shared / "cases" / "clean"
     aircraft = aircraft_file.load(folder / "aircraft.toml")
-    one = flight.read(
+    return flight.read(
         folder / "flight.tlog",
         aircraft,
         vehicle=None,
@@ -29,7 +29,38 @@ def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(shared
         delay=None,
         progress=lambda *_: None,
     )
-    rows = aided_flight.prepare(one.recording, aircraft, one.reconstruction).rows
+
+
+def test_surfaces_are_exact_at_the_delay_about_which_they_are_looked_up(one: Flight) -> None:
+    """And nearly so beside it; about the file's delay, corners between spoil it."""
+    late = -0.009
+    stated = one.aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
+
+    def moved(further: float) -> np.ndarray:
+        streams = {**one.aircraft.streams, SERVO_STREAM: StreamTiming(stated + further)}
+        aircraft = replace(one.aircraft, streams=streams)
+        rows = aided_flight.prepare(one.recording, aircraft, one.reconstruction)
+        return np.asarray(rows.rows.controls)
+
+    rows = aided_flight.prepare(one.recording, one.aircraft, one.reconstruction, late=late).rows
+    plain = aided_flight.prepare(one.recording, one.aircraft, one.reconstruction).rows
+    controls, slopes = np.asarray(rows.controls), np.asarray(rows.control_slopes)
+    np.testing.assert_allclose(controls + late * slopes, moved(late), atol=1e-12)
+    near, wanted = controls + (late + 0.001) * slopes, moved(late + 0.001)
+    assert np.std(near - wanted) < 1e-3 * np.std(wanted)
+    far = np.asarray(plain.controls) + late * np.asarray(plain.control_slopes)
+    assert np.std(far - moved(late)) > 3.0 * np.std(near - wanted)
+
+
+def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(
+    one: Flight, shared: Path
+) -> None:
+    """And not at the airspeed, that a gust from ahead raises without bringing the next one nearer.
+
+    Both are within a few per cent, and it is their difference that is looked at.
+    """
+    folder = shared / "cases" / "clean"
+    rows = aided_flight.prepare(one.recording, one.aircraft, one.reconstruction).rows
     with np.load(folder / "truth.npz") as file:
         true = {str(name): file["rows"][:, i] for i, name in enumerate(file["cols"])}
         late = (int(file["t0_us"]) - open_recording(folder / "flight.tlog").epoch_us) * 1e-6
