@@ -20,10 +20,11 @@ from gcs_sysid.model import actuators, propulsion
 from gcs_sysid.offline import requirements
 from gcs_sysid.offline.measured_surfaces import in_place_of_commands
 from gcs_sysid.offline.servo_outputs import control_channels, known, pulses
-from gcs_sysid.reconstruct import compatibility, measurements
+from gcs_sysid.reconstruct import compatibility, measurements, saturation
 from gcs_sysid.reconstruct.airborne import airborne
 from gcs_sysid.reconstruct.compatibility import Compatibility
 from gcs_sysid.reconstruct.control_history import SERVO_STREAM
+from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.reconstruction import Reconstruction, States, reconstruct
 from gcs_sysid.reconstruct.segments import INPUTS, Segment
 from gcs_sysid.recording import Recording
@@ -33,6 +34,8 @@ RPM_STREAMS = ("RPM", "ESC_TELEMETRY_1_TO_4", "ESC_STATUS")
 HOLE = 3.5
 BESIDE = 0.2
 """Around a hole of more than `HOLE` samples, this much flight [s] on both sides is not used."""
+TOLD = 0.2
+"""A hole in the inertial data is told of if it is longer [s]."""
 SHORTEST_INPUTS = 15.0
 """Deliberate inputs shorter than this in all [s] do not tell a delay by themselves."""
 CLOSED_LOOP = 0.03
@@ -165,6 +168,7 @@ def read(
         )
     progress("reconstructing the flight", 0.1)
     window = (intervals[0][0], intervals[-1][1])
+    recording, limits = saturation.without_saturated(recording, intervals)
     data = measurements.select(recording, aircraft, window)
     states = reconstruct(data, aircraft)
     progress("finding the delay of the surfaces", 0.7)
@@ -186,10 +190,28 @@ def read(
         compatibility=compatibility.check(states),
         delay=latency,
         samples=samples,
-        warnings=(*needed.warnings, *_seen(recording, surfaces)),
+        warnings=(
+            *needed.warnings,
+            *limits,
+            *_holes(recording, data),
+            *_seen(recording, surfaces),
+        ),
         read_seconds=read_at - started,
         reconstruct_seconds=clock.perf_counter() - read_at,
     )
+
+
+def _holes(recording: Recording, data: FlightData) -> list[str]:
+    """What is said of what the inertial unit left out in flight."""
+    steps = np.diff(data.time)
+    holes = steps[steps > max(HOLE * np.median(steps), TOLD)]
+    if not holes.size:
+        return []
+    return [
+        f"{recording.source}: {data.used['gyro']} tells nothing for {holes.sum():.1f} s of the "
+        f"flight, {holes.max():.1f} s at the longest: states are bridged there, and no coefficient "
+        "is measured there or beside"
+    ]
 
 
 def _seen(recording: Recording, surfaces: tuple[str, ...]) -> list[str]:

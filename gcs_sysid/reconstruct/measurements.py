@@ -91,6 +91,12 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     if shortened:
         gyro = cut.restored(gyro, cut.STEPS[:3])
     time = time - lateness(aircraft, gyro_stream.name, "gyro")
+    force_time, force = np.zeros(0), np.zeros((0, 3))
+    if inertial is not None:
+        force_time, force = _series(inertial, ("acc_x", "acc_y", "acc_z"), window)
+        force_time = force_time - lateness(aircraft, inertial.name, "accelerometer")
+        # What the accelerometers missed is bridged by the model, not by a straight line.
+        time, gyro = (item[_beside(time, force_time)] for item in (time, gyro))
     if time.size < 100:
         raise _missing(source, "angular rate while airborne", gyro_stream.name, "at 50 Hz")
     time, keep = np.unique(time, return_index=True)
@@ -105,10 +111,8 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
         still = frames.unrotate(attitude, np.array([[0.0, 0.0, -GRAVITY]]))
         accelerometer = np.broadcast_to(still, gyro.shape)
     else:
-        force_time, force = _series(inertial, ("acc_x", "acc_y", "acc_z"), window)
         if shortened:
             force = cut.restored(force, cut.STEPS[3:])
-        force_time = force_time - lateness(aircraft, inertial.name, "accelerometer")
         accelerometer = _interpolate(time, force_time, force)
         used["accelerometer"] = inertial.name
         rates["accelerometer"] = _rate(force_time)
@@ -154,6 +158,17 @@ def _series(
     inside = (stream.time >= window[0]) & (stream.time <= window[1])
     good = inside & np.all(np.isfinite(values), axis=-1)
     return np.asarray(stream.time)[good], values[good]
+
+
+def _beside(
+    time: Float[np.ndarray, " sample"], known: Float[np.ndarray, " known"]
+) -> Bool[np.ndarray, " sample"]:
+    """Samples that are near one of the `known` times: an interval and a half of theirs at most."""
+    if known.size < 2:
+        return np.zeros(time.size, dtype=bool)
+    after = np.clip(np.searchsorted(known, time), 1, known.size - 1)
+    apart = np.minimum(np.abs(time - known[after - 1]), np.abs(time - known[after]))
+    return apart < 1.5 * np.median(np.diff(known))
 
 
 def _rate(time: Float[np.ndarray, " sample"]) -> float:

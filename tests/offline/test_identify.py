@@ -15,7 +15,8 @@ from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import InputError, RefusedError, UsageError
 from gcs_sysid.estimate import filter_error
 from gcs_sysid.estimate.scoring import LostError
-from gcs_sysid.offline import identify, inspect, model_store
+from gcs_sysid.offline import flight, identify, inspect, model_store
+from gcs_sysid.recording import Recording
 from tests.offline import made_models
 from tests.offline.conftest import AIRCRAFT, DEMO, ROOT, SECOND, Identified, beginning, run
 
@@ -401,3 +402,35 @@ def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
     assert "the filter lost the aircraft" in found["method"]["reason"]
     assert "short.tlog" in found["method"]["reason"]
     assert found["derivatives"] == short_run.summary["derivatives"]
+
+
+def test_a_gyro_at_the_end_of_its_range_is_said_and_bends_nothing(
+    demo: Identified, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The bundled flight with rates that end at three fifths of what was flown.
+
+    Taken at their word, they moved the constants of side force and yaw by seven and three of their
+    deviations.
+    """
+    opened = flight.open_recording
+
+    def ending(*args: Any, **options: Any) -> Recording:
+        recording = opened(*args, **options)
+        imu = recording.streams["RAW_IMU"]
+        ends = {
+            name: np.clip(
+                imu.channels[name], *np.round(0.6 * np.nanquantile(imu.channels[name], (0, 1)), 3)
+            )
+            for name in ("p", "q")
+        }
+        told = replace(imu, channels={**imu.channels, **ends})
+        return replace(recording, streams={**recording.streams, "RAW_IMU": told})
+
+    monkeypatch.setattr(flight, "open_recording", ending)
+    told = run([DEMO], tmp_path)
+    (said,) = [line for line in told.summary["warnings"] if "end of its range" in line]
+    assert said.count("rad/s") == 4
+    assert any("tells nothing for" in line for line in told.summary["warnings"])
+    before = {name: entry for name, *entry in found(demo)}
+    for name, value, sd, _ in found(told):
+        assert abs(value - before[name][0]) < 2.0 * np.hypot(sd, before[name][1]), name
