@@ -41,6 +41,9 @@ REFUTED = 100.0
 """Where flights settle with a favourite at so much less than with the one before it [nat], more
 than what searches leave undone, all that does without the one before has so much less evidence:
 linear evidence takes one cause for another whose trace at held gains is nearly the same."""
+FIRST_SETS = 2
+"""Times that instruments are used in each of two trials before the one that is far behind is left:
+each takes half a minute."""
 Telling = Callable[[str, int], None]
 """Is told what is being done, and with which flight."""
 _MISSING = Candidate(
@@ -165,26 +168,16 @@ def investigate(
         if sizes is not None:
             asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
         foretold = listed.alone(best.causes, best.posterior.mean)
-        asked_for: list[tuple[Sequence[Candidate], Sequence[Settled], np.ndarray | None]]
-        asked_for = [(best.causes, standing.settled, foretold)]
+        near = standing if asking is question else None
+        asked_for = [_Trial(best.causes, standing.settled, foretold, near)]
         twin = other_names.renamed(best.causes, foretold, listed, every)
         if twin is not None and frozenset(twin.causes) not in tested:
             # Not from where they stood: what goes by the one name there would keep it.
-            asked_for.append((twin.causes, question.at(standing.settled, twin.values), None))
-        trials = [
-            asking.tested(
-                telling(f"trying {' and '.join(each.label for each in causes)}", turn),
-                causes,
-                begun,
-                relations,
-                causes=wherever(causes, every),
-                accuracy=best.accuracy,
-                moved=moved,
-                near=standing if asking is question else None,
-            )
-            for causes, begun, moved in asked_for
-        ]
-        tested |= {frozenset(causes) for causes, _, _ in asked_for}
+            renamed = question.at(standing.settled, twin.values)
+            asked_for.append(_Trial(twin.causes, renamed, None, near))
+        trying = telling("trying", turn)
+        trials = asking.tried(trying, asked_for, relations, every, best.accuracy)
+        tested |= {frozenset(one.causes) for one in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
         off = listed.farthest(trial.causes, _found(listed, trial, best.accuracy))
         if off >= INCREDIBLE:
@@ -320,6 +313,28 @@ class _Tested:
         """Of what was fitted."""
         return sum(one.log_likelihood[-1] for one in self.settled)
 
+    @property
+    def ended(self) -> bool:
+        """Whether every flight came to rest."""
+        return all(one.ended for one in self.settled)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Causes that are to be set free.
+
+    Attributes:
+        causes: which.
+        start: where the flights begin.
+        moved: departures of all unknowns to begin with; None for those of there.
+        near: where the same question was answered nearby; None where none was.
+    """
+
+    causes: Sequence[Candidate]
+    start: Sequence[Settled]
+    moved: Float[np.ndarray, " unknown"] | None
+    near: _Tested | None
+
 
 @dataclass(frozen=True)
 class _Question:
@@ -419,9 +434,45 @@ class _Question:
             )
         return _Tested(tuple(named), each, *_summed(self.listed, self.before, each))
 
+    def tried(
+        self,
+        telling: Telling,
+        trials: Sequence[_Trial],
+        relations: Sequence[Relation],
+        every: Sequence[Candidate],
+        accuracy: float,
+    ) -> list[_Tested]:
+        """Flights searched with each of some sets of causes set free.
+
+        One that is far behind after `FIRST_SETS` is left there.
+        """
+
+        def searched(trial: _Trial, sets: int) -> _Tested:
+            names = " and ".join(each.label for each in trial.causes)
+            return self.tested(
+                lambda text, number: telling(f"{names}, {text}", number),
+                *(trial.causes, trial.start, relations),
+                causes=wherever(trial.causes, every),
+                accuracy=accuracy,
+                moved=trial.moved,
+                near=trial.near,
+                sets=sets,
+            )
+
+        if len(trials) == 1:
+            return [searched(trials[0], weighed.SETS)]
+        begun = [searched(trial, FIRST_SETS) for trial in trials]
+        hopeless = max(one.log_likelihood for one in begun) - REFUTED
+        return [
+            one
+            if one.ended or one.log_likelihood < hopeless
+            else searched(_Trial(one.causes, one.settled, None, one), weighed.SETS)
+            for one in begun
+        ]
+
     def rested(self, telling: Telling, found: _Tested, relations: Sequence[Relation]) -> _Tested:
         """Flights searched on without any cause, unless all have come to rest."""
-        if all(one.ended for one in found.settled):
+        if found.ended:
             return found
         return self.tested(telling, (), found.settled, relations, near=found)
 

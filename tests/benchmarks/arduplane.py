@@ -9,7 +9,7 @@ departs from such a file in these ways:
 - In calm air the airspeed told is 0.9325 of the speed over ground, on average, where equivalent
   airspeed at 734 m would be 1/1.0363 of it.
 - Forces and moments are made of equivalent airspeed and the density of the air: all are 1/1.0363²
-  of what the file says. With moments left to the inertia that is a mass 7.4 % larger.
+  of what the file says, as of an aircraft with 7.4 % more mass and inertia about every axis.
 
 Some minutes a flight; what was diagnosed before is kept in `--out`.
 """
@@ -33,7 +33,7 @@ EAS2TAS = 1.0363
 KNOWN = {
     "pitot_lag": 0.1 * 0.7 / 0.3,
     "airspeed_scale": 0.9325 * EAS2TAS - 1.0,
-    "mass_ratio": EAS2TAS**2,
+    **dict.fromkeys(("mass_ratio", "Ixx_ratio", "Iyy_ratio", "Izz_ratio"), EAS2TAS**2),
 }
 """By source and log."""
 

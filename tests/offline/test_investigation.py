@@ -10,6 +10,7 @@ import pytest
 
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
@@ -75,3 +76,34 @@ def test_where_scores_do_not_vanish_a_flight_says_less(doubt: float, share: floa
     found = Mock(spec=Weighed, settled=done, told=told, apart=told, doubt=doubt)
     information, _ = settled.told(made.listed(), 0, before, found)
     np.testing.assert_allclose(np.diagonal(information.gram)[:4], 100.0 * share)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "sets"), [(500.0, [2, 2, 6]), (50.0, [2, 2, 6, 6])], ids=["far", "hardly"]
+)
+def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) -> None:
+    """Both are searched a little; the other to the end, or both where it is not clear."""
+    mass, skew = listed("mass"), listed("inertia")
+
+    def reached(
+        causes: list[Candidate], likelihood: float, *, ended: bool
+    ) -> investigation._Tested:
+        at = Mock(spec=Settled, log_likelihood=(likelihood,), ended=ended)
+        nothing = Mock(spec=Information)
+        return investigation._Tested(
+            tuple(causes), [Mock(spec=Weighed, settled=at)], nothing, nothing
+        )
+
+    asked = Mock(spec=investigation._Question)
+    asked.tested.side_effect = [
+        reached(mass, 0.0, ended=False),
+        reached(skew, ahead, ended=False),
+        *(reached(mass, 10.0, ended=True) for _ in sets[3:]),
+        reached(skew, ahead + 10.0, ended=True),
+    ]
+    trials = [investigation._Trial(causes, [], None, None) for causes in (mass, skew)]
+    found = investigation._Question.tried(asked, lambda *_: None, trials, [], [*mass, *skew], 1.0)
+    assert [call.kwargs["sets"] for call in asked.tested.call_args_list] == sets
+    assert found[1].log_likelihood == ahead + 10.0
+    assert found[0].log_likelihood == (0.0 if len(sets) == 3 else 10.0)
+    assert asked.tested.call_args.kwargs["near"].causes == tuple(skew)
