@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
@@ -112,6 +113,7 @@ def _result(one: Draw, held: dict[str, Any]) -> Result:
         draw=one,
         score=score(one, diagnosis),
         seconds=held["seconds"],
+        cores=held["cores"],
         departed=held["departed"],
         error=(diagnosis.get("gain") or {}).get("holdout_error_after"),
         least_error=held["least_error"],
@@ -130,6 +132,7 @@ def _flown(one: Draw, folder: Path, *, bound: bool) -> dict[str, Any]:
         "draw": asdict(one),
         "departed": recorded.departed,
         "seconds": seconds,
+        "cores": len(os.sched_getaffinity(0)),
         "least_error": least,
         "diagnosis": {key: diagnosis[key] for key in _KEPT if key in diagnosis},
     }

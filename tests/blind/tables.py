@@ -33,6 +33,7 @@ class Result:
         draw: what was hidden.
         score: what the diagnosis is worth.
         seconds: that it took.
+        cores: on how many.
         departed: whether the aircraft was lost control of.
         error: on what took no part, of the extended file.
         least_error: the same of a file that knows everything.
@@ -41,6 +42,7 @@ class Result:
     draw: Draw
     score: Score
     seconds: float
+    cores: int
     departed: bool
     error: float | None = None
     least_error: float | None = None
@@ -109,7 +111,10 @@ def one_by_one(results: Sequence[Result]) -> None:
             ("something hidden, named alone", _of(result.score.alone for result in hidden)),
             ("nothing hidden, nobody accused", _of(result.score.alone for result in clean)),
             ("sizes that their 95 % intervals hold", _of(one.inside for one in sizes)),
-            ("seconds, median", f"{np.median([result.seconds for result in flown]):.0f}"),
+            (
+                f"seconds, median, cores: {', '.join(sorted({str(one.cores) for one in flown}))}",
+                f"{np.median([result.seconds for result in flown]):.0f}",
+            ),
         ],
     )
 

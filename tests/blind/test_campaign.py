@@ -136,8 +136,8 @@ def test_the_tables_say_what_was_found(capsys):
     results = []
     for index, (cause, diagnosis) in enumerate(answers):
         one = draw(index, fixed=Fixed(cause, "aerosonde", "exact", "larger"))
-        results.append(Result(one, score(one, diagnosis), 10.0, departed=False))
-    lost = Result(results[2].draw, results[2].score, 0.0, departed=True)
+        results.append(Result(one, score(one, diagnosis), 10.0, 2, departed=False))
+    lost = Result(results[2].draw, results[2].score, 0.0, 2, departed=True)
     results[2] = replace(results[2], error=2.1, least_error=2.0)
     tables.summary([*results, lost])
     printed = capsys.readouterr().out
