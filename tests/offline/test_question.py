@@ -15,7 +15,8 @@ from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Weighed
-from gcs_sysid.offline import investigation, settled
+from gcs_sysid.offline import question, settled
+from gcs_sysid.offline.question import Answer, Question, Trial
 from gcs_sysid.offline.settled import Subject
 from gcs_sysid.reconstruct.causal import Pass, Told
 from tests.diagnose.aided import made_unknowns as made
@@ -31,14 +32,14 @@ def listed(name: str, about: str = "") -> list[Candidate]:
 
 def test_a_stall_is_tried_wherever_it_may_begin() -> None:
     stalls, mass = listed("stall"), listed("mass")
-    found = investigation.wherever((stalls[3], mass[0]), [*mass, *stalls])
+    found = question.wherever((stalls[3], mass[0]), [*mass, *stalls])
     assert set(found) == {*stalls, *mass}
 
 
 def test_a_rate_limit_is_tried_where_it_was_found() -> None:
     """Each of its places is all of its effect: two at once would be twice that."""
     limits = [*listed("actuator_rate_limit", "elevator"), *listed("actuator_rate_limit", "aileron")]
-    assert investigation.wherever((limits[1],), limits) == (limits[1],)
+    assert question.wherever((limits[1],), limits) == (limits[1],)
 
 
 @pytest.mark.parametrize("accuracy", [0.1, 1.0, 4.0])
@@ -47,7 +48,7 @@ def test_a_favourite_is_tried_with_a_file_as_accurate_as_it_has_it(accuracy: flo
     one = made.listed()
     own = Beliefs(np.zeros(4), np.diag(made.ORDINARY**2), SILENT)
     mass = made.EVERY[:1]
-    found = investigation._with(own, one.as_accurate(accuracy), 0, mass)
+    found = question.with_free(own, one.as_accurate(accuracy), 0, mass)
     wanted = made.ORDINARY * [accuracy, 1.0, 1.0, 1.0]
     wanted[1] = np.hypot(wanted[1], mass[0].cause.parameters[0].sigma)
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), wanted)
@@ -85,25 +86,21 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
     """Both are searched a little; the other to the end, or both where it is not clear."""
     mass, skew = listed("mass"), listed("inertia")
 
-    def reached(
-        causes: list[Candidate], likelihood: float, *, ended: bool
-    ) -> investigation._Tested:
+    def reached(causes: list[Candidate], likelihood: float, *, ended: bool) -> Answer:
         at = Mock(spec=Settled, log_likelihood=(likelihood,), ended=ended)
         nothing = Mock(spec=Information)
-        return investigation._Tested(
-            tuple(causes), [Mock(spec=Weighed, settled=at)], nothing, nothing
-        )
+        return Answer(tuple(causes), [Mock(spec=Weighed, settled=at)], nothing, nothing)
 
-    asked = Mock(spec=investigation._Question)
-    asked.tested.side_effect = [
+    asked = Mock(spec=Question)
+    asked.answered.side_effect = [
         reached(mass, 0.0, ended=False),
         reached(skew, ahead, ended=False),
         *(reached(mass, 10.0, ended=True) for _ in sets[3:]),
         reached(skew, ahead + 10.0, ended=True),
     ]
-    trials = [investigation._Trial(causes, [], None, None) for causes in (mass, skew)]
-    found = investigation._Question.tried(asked, lambda *_: None, trials, [], [*mass, *skew], 1.0)
-    assert [call.kwargs["sets"] for call in asked.tested.call_args_list] == sets
+    trials = [Trial(causes, [], None, None) for causes in (mass, skew)]
+    found = Question.tried(asked, lambda *_: None, trials, [], [*mass, *skew], 1.0)
+    assert [call.kwargs["sets"] for call in asked.answered.call_args_list] == sets
     assert found[1].log_likelihood == ahead + 10.0
     assert found[0].log_likelihood == (0.0 if len(sets) == 3 else 10.0)
-    assert asked.tested.call_args.kwargs["near"].causes == tuple(skew)
+    assert asked.answered.call_args.kwargs["near"].causes == tuple(skew)
