@@ -12,6 +12,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
+GAP = 0.2
+"""A hole of more than three usual intervals and of more than this [s] counts as a gap."""
+
+
+def gaps(time: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " gap"]:
+    """Lengths of the gaps between samples [s]."""
+    steps = np.diff(time)
+    usual = steps[steps > 0.0]
+    return steps[steps > max(3.0 * np.median(usual), GAP)] if usual.size else np.zeros(0)
+
 
 @dataclass(frozen=True)
 class Stream:

@@ -27,15 +27,13 @@ from gcs_sysid.reconstruct.control_history import SERVO_STREAM
 from gcs_sysid.reconstruct.measurements import FlightData
 from gcs_sysid.reconstruct.reconstruction import Reconstruction, States, reconstruct
 from gcs_sysid.reconstruct.segments import INPUTS, Segment
-from gcs_sysid.recording import Recording
+from gcs_sysid.recording import Recording, gaps
 from gcs_sysid.sources.registry import open_recording
 
 RPM_STREAMS = ("RPM", "ESC_TELEMETRY_1_TO_4", "ESC_STATUS")
 HOLE = 3.5
 BESIDE = 0.2
 """Around a hole of more than `HOLE` samples, this much flight [s] on both sides is not used."""
-TOLD = 0.2
-"""A hole in the inertial data is told of if it is longer [s]."""
 SHORTEST_INPUTS = 15.0
 """Deliberate inputs shorter than this in all [s] do not tell a delay by themselves."""
 CLOSED_LOOP = 0.03
@@ -203,8 +201,7 @@ def read(
 
 def _holes(recording: Recording, data: FlightData) -> list[str]:
     """What is said of what the inertial unit left out in flight."""
-    steps = np.diff(data.time)
-    holes = steps[steps > max(HOLE * np.median(steps), TOLD)]
+    holes = gaps(data.time)
     if not holes.size:
         return []
     return [

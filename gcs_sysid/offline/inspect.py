@@ -24,13 +24,10 @@ from gcs_sysid.reconstruct import segment_file
 from gcs_sysid.reconstruct.airborne import Interval, airborne
 from gcs_sysid.reconstruct.control_history import control_history
 from gcs_sysid.reconstruct.segments import split
-from gcs_sysid.recording import Recording, Stream, Vehicle
+from gcs_sysid.recording import Recording, Stream, Vehicle, gaps
 from gcs_sysid.sources.registry import open_recording
 
 Progress = Callable[[str, float], None]
-
-GAP = 0.2
-"""A hole of more than three usual intervals and of more than this [s] counts as a gap."""
 
 
 def run(
@@ -133,9 +130,7 @@ def _vehicle(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _stream(stream: Stream, recording: Recording) -> dict[str, Any]:
-    steps = np.diff(stream.time)
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    holes = steps[steps > max(3.0 * usual, GAP)] if usual else np.zeros(0)
+    holes = gaps(stream.time)
     first, last = (int(moment) for moment in recording.time_us(stream.time[[0, -1]]))
     return {
         "count": stream.count,

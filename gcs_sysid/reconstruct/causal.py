@@ -42,7 +42,8 @@ BLOCK = 100
 
 ROUNDED = 16
 """As many parameters are asked about as a multiple of this: a question with some more or fewer of
-them, a cause's or none, needs no program of its own, of which one takes 5 s to trace alone."""
+them, a cause's or none, needs no program of its own, which takes seconds to trace and more to
+compile."""
 
 
 class Path(NamedTuple):

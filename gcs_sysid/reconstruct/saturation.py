@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS, GYRO_STREAMS
 from gcs_sysid.recording import Recording
 
 UNITS: Mapping[str, str] = {
@@ -22,10 +23,7 @@ UNITS: Mapping[str, str] = {
     "airspeed": "m/s",
 }
 """Of what can saturate."""
-STREAMS = (
-    *("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"),
-    *("ATTITUDE", "ATTITUDE_QUATERNION", "AOA_SSA", "AIRSPEED", "VFR_HUD"),
-)
+STREAMS = (*GYRO_STREAMS, *AIRSPEED_STREAMS, "AOA_SSA")
 TOGETHER = 3
 """Samples in a row at an end: a top that is flat for a moment is no end."""
 SAMPLES = 5

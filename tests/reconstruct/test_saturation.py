@@ -93,7 +93,9 @@ def test_what_accelerometers_missed_is_no_row_either() -> None:
     assert kept.time.size == pytest.approx(np.sum(~missing), abs=2)
 
 
-@pytest.mark.parametrize("log", sorted((ROOT / "data" / "flights").glob("*.tlog")), ids=str)
+@pytest.mark.parametrize(
+    "log", sorted((ROOT / "data" / "flights").glob("*.tlog")), ids=lambda log: log.name
+)
 def test_flights_that_stayed_within_their_ranges_are_left_alone(log: Path) -> None:
     recording = open_recording(log)
     assert saturation.without_saturated(recording, [EVERYTHING])[1] == ()
