@@ -8,7 +8,7 @@ radians here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -226,7 +226,11 @@ class CoefficientModel:
 
 @dataclass(frozen=True)
 class Aircraft:
-    """An aircraft as its file describes it. `aerodynamics` is empty when the file has none."""
+    """An aircraft as its file describes it. `aerodynamics` is empty when the file has none.
+
+    `beyond` is no part of the file: what was learned beyond terms and tables, CX…Cn of the flow by
+    name (`regressors.VARIABLES` and controls), added to them. A tree of arrays as JAX has them.
+    """
 
     name: str
     mass: Mass
@@ -241,6 +245,7 @@ class Aircraft:
     envelope: Envelope | None = None
     aerodynamics: Mapping[str, CoefficientModel] = field(default_factory=dict)
     schema: int = 1
+    beyond: Callable[[Mapping[str, Any]], Any] | None = None
 
     @property
     def control_names(self) -> tuple[str, ...]:

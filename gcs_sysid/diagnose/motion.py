@@ -151,7 +151,7 @@ def _coefficients(
         name: {item.name: 1.0 + item.sigma * wrong[f"{name}.{item.name}"] for item in model.tables}
         for name, model in models.items()
     }
-    return aerodynamics.coefficients(models, terms, values, shares=shares)
+    return aerodynamics.of_aircraft(aircraft, values, terms=terms, shares=shares)
 
 
 def flow(aircraft: Aircraft, wrong: Wrong, motion: Motion) -> dict[str, Float[Array, " sample"]]:

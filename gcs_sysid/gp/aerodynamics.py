@@ -1,29 +1,28 @@
 """Learned aerodynamics: a polynomial, and what Gaussian processes found beyond it.
 
 In place of the polynomial alone wherever a model of the aerodynamics is asked, by array
-(`LearnedModel`) or inside the flight model (`plugged`).
+(`LearnedModel`) or inside the flight model (`beyond`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel
+from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel, Prediction
 from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent, fitting, posterior
 from gcs_sysid.gp.fitting import Fitted
-from gcs_sysid.model import aerodynamics
-
-Coefficients = Callable[..., Float[Array, "*sample six"]]
-"""What `model.aerodynamics.coefficients` is: models, terms, flow, and the keyword `shares`."""
+from gcs_sysid.gp.posterior import Posterior
 
 
 @dataclass(frozen=True)
@@ -84,6 +83,33 @@ class LearnedModel(AeroModel):
             np.sqrt(plain.deviation**2 + spread),
         )
 
+    def linear_variance(
+        self, name: str, keys: Sequence[str], values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Float[np.ndarray, " term"]:
+        """What the global part adds to the variance of each term, where it is constant or linear.
+
+        Args:
+            name: the coefficient.
+            keys: regressors of its polynomial.
+            values: one condition.
+        """
+        out = np.zeros(len(keys))
+        if name not in self.outputs or not self.process.use_global[self.outputs.index(name)]:
+            return out
+        row, scale = self.outputs.index(name), self.process.scaling
+        scaled = self.process.scaled(self._rows(values))
+        slopes = np.asarray(posterior.slopes(self.process.posterior, scaled).variance)[0, row]
+        level = float(
+            np.asarray(posterior.predict(self.process.posterior, scaled).variance)[0, row]
+        )
+        for index, key in enumerate(keys):
+            if key == "1":
+                out[index] = level * scale.unit[row] ** 2
+            elif key in self.inputs:
+                column = self.inputs.index(key)
+                out[index] = slopes[column] * (scale.unit[row] / scale.spread[column]) ** 2
+        return out
+
     def known(
         self, name: str, values: Mapping[str, Float[np.ndarray, " sample"]]
     ) -> Float[np.ndarray, " sample"]:
@@ -138,29 +164,53 @@ def stacked(
     return np.stack([np.asarray(values[name], dtype=float) for name in names], axis=-1)
 
 
-def plugged(model: LearnedModel) -> Coefficients:
-    """The learned aerodynamics as the flight model asks for them, differentiable.
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("process", "centre", "spread", "unit"),
+    meta_fields=("inputs", "columns"),
+)
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """The mean of the global part as the flight model asks for it (`Aircraft.beyond`).
 
-    The signature is that of `model.aerodynamics.coefficients`; to the polynomial terms that it is
-    called with, the mean of the global part is added where an output has one.
+    Attributes:
+        process: the global part.
+        centre: of the inputs.
+        spread: of the inputs.
+        unit: of each output, 0 for those that have no global part.
+        inputs: variables and controls, in order.
+        columns: which coefficient each output is.
     """
+
+    process: Posterior
+    centre: Float[Array, " input"]
+    spread: Float[Array, " input"]
+    unit: Float[Array, " output"]
+    inputs: tuple[str, ...]
+    columns: tuple[int, ...]
+
+    def __call__(self, flow: Mapping[str, Float[Array, "*sample"]]) -> Float[Array, "*sample six"]:
+        """CX…Cn beyond the polynomial, at flow angles, rates and controls by name."""
+        inputs = jnp.stack([jnp.asarray(flow[name]) for name in self.inputs], axis=-1)
+        flat = (inputs.reshape((-1, len(self.inputs))) - self.centre[None, :]) / self.spread[None]
+        found = posterior.mean(self.process, flat) * self.unit[None, :]
+        six = jnp.zeros((flat.shape[0], len(COEFFICIENTS))).at[:, self.columns].set(found)
+        return six.reshape((*inputs.shape[:-1], len(COEFFICIENTS)))
+
+
+def beyond(model: AeroModel) -> Beyond | None:
+    """What a model has beyond its polynomial for the flight model; None where that is all.
+
+    The local part, whose neighbours change from place to place, takes no part.
+    """
+    if not isinstance(model, LearnedModel) or not model.process.use_global.any():
+        return None
     process = model.process
-    columns = jnp.asarray([COEFFICIENTS.index(name) for name in model.outputs])
-    unit = jnp.asarray(process.scaling.unit * process.use_global)
-    centre, spread = jnp.asarray(process.scaling.centre), jnp.asarray(process.scaling.spread)
-
-    def coefficients(
-        models: Mapping[str, CoefficientModel],
-        terms: aerodynamics.Values,
-        flow: Mapping[str, Float[Array, "*sample"]],
-        *,
-        shares: aerodynamics.Values | None = None,
-    ) -> Float[Array, "*sample six"]:
-        plain = aerodynamics.coefficients(models, terms, flow, shares=shares)
-        inputs = jnp.stack([jnp.asarray(flow[name]) for name in model.inputs], axis=-1)
-        flat = (inputs.reshape((-1, len(model.inputs))) - centre[None, :]) / spread[None, :]
-        found = posterior.mean(process.posterior, flat) * unit[None, :]
-        added = jnp.zeros((flat.shape[0], len(COEFFICIENTS))).at[:, columns].set(found)
-        return plain + added.reshape(plain.shape)
-
-    return coefficients
+    return Beyond(
+        process=jax.tree.map(jnp.asarray, process.posterior),
+        centre=jnp.asarray(process.scaling.centre),
+        spread=jnp.asarray(process.scaling.spread),
+        unit=jnp.asarray(process.scaling.unit * process.use_global),
+        inputs=model.inputs,
+        columns=tuple(COEFFICIENTS.index(name) for name in model.outputs),
+    )

@@ -9,7 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, TableTerm
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, TableTerm
 from gcs_sysid.model import tables
 
 Values = Mapping[str, Mapping[str, Float[ArrayLike, ""]]]
@@ -28,8 +28,12 @@ def coefficients(
     Args:
         models: regressors and tables.
         terms: value of every term.
-        flow: variables and controls, see `coefficient`.
+        flow: arrays of one shape, at least one, by name: the variables of
+            `regressors.VARIABLES` that the models use, in their units, and the controls [rad].
         shares: factor of every table; without them the tables count as they are.
+
+    Raises:
+        UsageError: a variable or control that the models use is not in `flow`.
     """
     rows = []
     for name in COEFFICIENTS:
@@ -44,34 +48,35 @@ def coefficients(
     return jnp.stack(rows, axis=-1)
 
 
-def coefficient(
-    model: CoefficientModel, values: Mapping[str, Float[ArrayLike, "*sample"]]
-) -> Float[Array, "*sample"]:
-    """One coefficient: Σ value·regressor + Σ tables.
+def of_aircraft(
+    aircraft: Aircraft,
+    flow: Mapping[str, Float[ArrayLike, "*sample"]],
+    *,
+    terms: Values | None = None,
+    shares: Values | None = None,
+) -> Float[Array, "*sample six"]:
+    """The same of an aircraft, with what was learned beyond its terms and tables.
 
     Args:
-        model: terms and tables as the aircraft file gives them; a model without any is 0.
-        values: arrays of one shape, at least one, by name: the variables of
-            `regressors.VARIABLES` that the model uses, in their units, and the controls [rad].
-
-    Returns:
-        The coefficient, dimensionless, at every sample.
-
-    Raises:
-        UsageError: a variable or control that the model uses is not in `values`.
+        aircraft: regressors, tables, and what was learned.
+        flow: likewise.
+        terms: value of every term; None as the aircraft has them.
+        shares: likewise.
     """
-    total = jnp.zeros_like(next(iter(values.values())))
-    for key, value in model.terms.items():
-        total = total + value.value * _regressor(key, values)
-    for item in model.tables:
-        total = total + table(item, values)
-    return total
+    models = aircraft.aerodynamics
+    if terms is None:
+        terms = {
+            name: {key: item.value for key, item in model.terms.items()}
+            for name, model in models.items()
+        }
+    found = coefficients(models, terms, flow, shares=shares)
+    return found if aircraft.beyond is None else found + aircraft.beyond(flow)
 
 
 def table(
     item: TableTerm, values: Mapping[str, Float[ArrayLike, "*sample"]]
 ) -> Float[Array, "*sample"]:
-    """What one table adds; `values` as for `coefficient`."""
+    """What one table adds; `values` as `flow` of `coefficients`."""
     where = [_regressor(key, values) for key in item.regressors]
     breakpoints = [jnp.asarray(points) for points in item.breakpoints]
     if len(where) == 1:

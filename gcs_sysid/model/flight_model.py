@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import PyTreeDef
 
 from gcs_sysid.aircraft import Aircraft, Control, Imu, Pitot, SensorError, Value, Vanes
 
@@ -68,11 +69,16 @@ def _looked_up(aircraft: Aircraft) -> Aircraft:
             name: replace(model, terms=dict.fromkeys(model.terms, none))
             for name, model in aircraft.aerodynamics.items()
         },
+        beyond=aircraft.beyond,
     )
 
 
 def _form(value: Any, numbers: list[np.ndarray]) -> Any:
     """What is left of a value when its numbers are taken out, in order; can be compared."""
+    if callable(value):
+        leaves, tree = jax.tree.flatten(value)
+        numbers.extend(np.asarray(leaf) for leaf in leaves)
+        return PyTreeDef, tree
     if is_dataclass(value) and not isinstance(value, Value):
         parts = [(each.name, getattr(value, each.name)) for each in fields(value)]
         return type(value), tuple((name, _form(part, numbers)) for name, part in parts)
@@ -99,6 +105,8 @@ def _made(form: Any, numbers: Iterator[Any]) -> Any:
         return parts
     if kind is float:
         return next(numbers)
+    if kind is PyTreeDef:
+        return jax.tree.unflatten(parts, [next(numbers) for _ in range(parts.num_leaves)])
     made = [(name, _made(part, numbers)) for name, part in parts]
     if kind is dict:
         return dict(made)

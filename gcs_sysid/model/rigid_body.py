@@ -196,11 +196,11 @@ def coefficients(
     """CX…Cn in the order of `COEFFICIENTS`; 0 for those that the aircraft does not have.
 
     Args:
-        aircraft: regressors and tables.
+        aircraft: regressors, tables, and what was learned beyond them.
         values: values of the terms.
         flow: variables of `regressors.VARIABLES` and controls, arrays of one shape.
     """
-    return aerodynamics.coefficients(aircraft.aerodynamics, values.aerodynamics, flow)
+    return aerodynamics.of_aircraft(aircraft, flow, terms=values.aerodynamics)
 
 
 def _thrust(

@@ -36,6 +36,7 @@ from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.gp.aerodynamics import beyond
 from gcs_sysid.model import departures
 from gcs_sysid.model.aided import Means
 from gcs_sysid.model.flight_model import FlightModel
@@ -179,8 +180,8 @@ def identify(
 def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
     """A flight that a model has not seen, with the states that the filter knows by that model.
 
-    The model learns nothing: its derivatives are held, and only what is the flight's own, sensor
-    errors, delays and gusts, is found. The processes of a learned model take no part.
+    The model learns nothing: it is held, with the global part of the processes beside it, and only
+    what is the flight's own, sensor errors, delays and gusts, is found.
 
     These states know the forces and moments that were measured at the very sample. What the model
     then says at them agrees with what was measured better than any forecast could.
@@ -197,7 +198,8 @@ def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
         name: dict(zip(fit.keys, fit.value.tolist(), strict=True))
         for name, fit in model.fits.items()
     }
-    flown = FlightModel(aided_flight.with_structure(one.aircraft, terms))
+    described = aided_flight.with_structure(one.aircraft, terms)
+    flown = FlightModel(replace(described, beyond=beyond(model)))
     item = _prepared(one, terms, (), body=False)
     count = len(in_common.keys(item.first.means))
     before = _beliefs(item, item.first, np.zeros((count, count)))

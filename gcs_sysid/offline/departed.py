@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel, StreamTiming
-from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, StreamTiming
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.model import aerodynamics
 from gcs_sysid.offline import aided_states, settled
@@ -63,19 +62,14 @@ def table(flights: Sequence[Mapping[str, Flight]]) -> dict[str, np.ndarray]:
         }
         for label, flight in pair.items():
             seen = flight.samples
-            for name in COEFFICIENTS:
-                predicted = _predicted(flight.aircraft, seen, name)
-                part[f"{name}_{label}"] = seen.measured[name] - predicted
+            flow = {key: jnp.asarray(values) for key, values in seen.regressors.items()}
+            predicted = np.asarray(aerodynamics.of_aircraft(flight.aircraft, flow))
+            for column, name in enumerate(COEFFICIENTS):
+                part[f"{name}_{label}"] = seen.measured[name] - predicted[:, column]
                 if label == "before":
                     part[f"{name}_measured"] = seen.measured[name]
         parts.append(part)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _predicted(aircraft: Aircraft, samples: Samples, name: str) -> Float[np.ndarray, " sample"]:
-    model = aircraft.aerodynamics.get(name, CoefficientModel())
-    flow = {key: jnp.asarray(values) for key, values in samples.regressors.items()}
-    return np.asarray(aerodynamics.coefficient(model, flow))
 
 
 def discrepancy(rows: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:

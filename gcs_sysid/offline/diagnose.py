@@ -44,6 +44,7 @@ SHORTEST = 15.0
 """Less flight [s] than this is not diagnosed."""
 ABSOLUTE = {"": 1.0}
 """None of the causes that coefficients know has a size that is a share of something."""
+EXTENDED = "aircraft-extended.toml"
 READING = 0.3
 """Share of the time that reading and reconstruction take."""
 
@@ -113,7 +114,8 @@ def run(
         under, flights, progress, apart=holdout is not None, method=method
     )
     documents.write_table(out / "residuals.parquet", table)
-    aircraft_file.save(better, out / "aircraft-extended.toml")
+    aircraft_file.save(better, out / EXTENDED)
+    document["warnings"] += under.left_out(EXTENDED)
     document["timing"] = {
         "read_s": sum(one.read_seconds for one in flights),
         "reconstruct_s": sum(one.reconstruct_seconds for one in flights),

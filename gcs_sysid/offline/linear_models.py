@@ -14,6 +14,7 @@ from jaxtyping import Float
 from gcs_sysid import atmosphere
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
+from gcs_sysid.gp.aerodynamics import LearnedModel
 from gcs_sysid.maneuvers.information import lasting
 from gcs_sysid.model import eigenmodes, linear, trim
 from gcs_sysid.model.eigenmodes import Mode, Uncertain
@@ -98,10 +99,20 @@ def _about(
 def _identified(
     stored: StoredModel,
 ) -> tuple[Aircraft, Mapping[str, Float[np.ndarray, "term term"]]]:
-    """The aircraft with what was identified, and its covariance without errors of mass."""
-    flown = tested.with_model(stored.aircraft, stored.model)
+    """The aircraft with what was identified, and its covariance without errors of mass.
+
+    What processes know less of slopes than the polynomial beside them is told as of the middle of
+    what they have seen.
+    """
+    model = stored.model
+    flown = tested.with_model(stored.aircraft, model)
     every = {**stored.aircraft.aerodynamics, **flown.aerodynamics}
-    found = {name: fit.covariance - lasting(fit) for name, fit in stored.model.fits.items()}
+    found = {name: fit.covariance - lasting(fit) for name, fit in model.fits.items()}
+    if isinstance(model, LearnedModel):
+        middle = dict(zip(model.inputs, model.process.scaling.centre[:, None], strict=True))
+        for name, fit in model.fits.items():
+            more = model.linear_variance(name, fit.keys, middle)
+            found[name] = found[name] + np.diag(more)
     return replace(flown, aerodynamics=every), found
 
 

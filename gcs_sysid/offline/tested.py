@@ -11,6 +11,7 @@ from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.gp.aerodynamics import beyond
 from gcs_sysid.offline import model_store
 
 
@@ -21,6 +22,12 @@ class Tested:
     aircraft: Aircraft
     source: str
     delay: Delay | None
+
+    def left_out(self, of: str) -> list[str]:
+        """What a file of terms and tables cannot hold, for whoever reads it."""
+        if self.aircraft.beyond is None:
+            return []
+        return [f"{of} has no place for the Gaussian processes of {self.source}: it lacks them"]
 
 
 def load(aircraft: Path | None, model: Path | None) -> Tested:
@@ -51,7 +58,7 @@ def load(aircraft: Path | None, model: Path | None) -> Tested:
 
 
 def with_model(aircraft: Aircraft, model: AeroModel) -> Aircraft:
-    """The aircraft with an identified model for its aerodynamics.
+    """The aircraft with an identified model for its aerodynamics, processes beside it included.
 
     Correlations between the values are lost: an aircraft file holds one sigma a value.
     """
@@ -64,4 +71,4 @@ def with_model(aircraft: Aircraft, model: AeroModel) -> Aircraft:
         )
         for name, fit in model.fits.items()
     }
-    return replace(aircraft, aerodynamics=aerodynamics)
+    return replace(aircraft, aerodynamics=aerodynamics, beyond=beyond(model))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 
 import jax
@@ -10,18 +12,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, Value
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.gp import confidence, fitting, local, noise, samples
-from gcs_sysid.gp.aerodynamics import LearnedModel, plugged
+from gcs_sysid.gp.aerodynamics import LearnedModel, beyond
 from gcs_sysid.gp.confidence import Flown
 from gcs_sysid.gp.fitting import Data, Effort, Fitted
 from gcs_sysid.gp.learning import Structure
 from gcs_sysid.gp.refresh import Settings
-from gcs_sysid.model import aerodynamics
+from gcs_sysid.model import aerodynamics, rigid_body
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import learned
 
+AIRCRAFT = Path(__file__).resolve().parents[2] / "data" / "aircraft" / "aerosonde.toml"
 BREAK = 0.06
 NOISE = 0.01
 EFFORT = Effort(
@@ -36,7 +41,7 @@ INPUTS = ("alpha", "elevator")
 OUTPUTS = ("CZ", "Cm")
 
 
-def beyond(alpha: np.ndarray) -> np.ndarray:
+def missed(alpha: np.ndarray) -> np.ndarray:
     """What a straight line misses of CZ: the stall."""
     return 3.0 * np.maximum(alpha - BREAK, 0.0)
 
@@ -45,7 +50,7 @@ def data(seed: int, count: int = 900) -> Data:
     """CZ stalls, Cm is exactly what its polynomial says; twelve stretches of flight."""
     random = np.random.default_rng(seed)
     inputs = random.uniform((-0.1, -0.2), (0.2, 0.2), (count, 2))
-    left = np.stack([beyond(inputs[:, 0]), np.zeros(count)], axis=1)
+    left = np.stack([missed(inputs[:, 0]), np.zeros(count)], axis=1)
     return Data(
         inputs=inputs,
         values=left + NOISE * random.normal(size=left.shape),
@@ -102,7 +107,7 @@ def test_the_stall_earns_a_process_and_the_straight_line_does_not(found):
 
 def test_the_stall_is_found_within_its_intervals(model, asked):
     predicted = model.predict(asked, measured=True)["CZ"]
-    error = predicted.mean - (-0.3 - 4.0 * asked["alpha"] + beyond(asked["alpha"]))
+    error = predicted.mean - (-0.3 - 4.0 * asked["alpha"] + missed(asked["alpha"]))
     assert np.sqrt(np.mean(error**2)) < 0.01
     # One sd is mostly that of the polynomial, 0.01 √(1 + α²): few of 200 leave two of them.
     assert np.mean(np.abs(error) < 1.96 * predicted.deviation) > 0.95
@@ -146,27 +151,52 @@ def test_inside_the_flight_model_it_is_the_same_and_differentiable(model, asked)
         "CZ": CoefficientModel({"1": Value(-0.3, 0.0), "alpha": Value(-4.0, 0.0)}),
         "Cm": CoefficientModel({"elevator": Value(-0.5, 0.0)}),
     }
-    terms = {
-        name: {key: one.value for key, one in each.terms.items()} for name, each in models.items()
-    }
-    coefficients = plugged(model)
+    described = aircraft_file.load(AIRCRAFT)
+    plain = replace(described, aerodynamics=models)
+    learned_too = replace(plain, beyond=beyond(model))
     flow = {name: jnp.asarray(value) for name, value in asked.items()}
-    found = np.asarray(jax.jit(lambda at: coefficients(models, terms, at))(flow))
+
+    def six(aircraft: FlightModel, at: Mapping[str, jax.Array]) -> jax.Array:
+        # Values come from elsewhere, as in the filter.
+        terms = rigid_body.parameters(plain).aerodynamics
+        return aerodynamics.of_aircraft(aircraft.aircraft, at, terms=terms)
+
+    found = np.asarray(jax.jit(six)(FlightModel(learned_too), flow))
     wanted = model.predict(asked, measured=True)
     for name in OUTPUTS:
         column = COEFFICIENTS.index(name)
         np.testing.assert_allclose(found[:, column], wanted[name].mean, atol=1e-9)
-    plain = np.asarray(jax.jit(lambda at: aerodynamics.coefficients(models, terms, at))(flow))
-    np.testing.assert_array_equal(found[:, 0], plain[:, 0])
+    alone = np.asarray(jax.jit(six)(FlightModel(plain), flow))
+    np.testing.assert_array_equal(found[:, 0], alone[:, 0])
 
     def lift(alpha: jax.Array) -> jax.Array:
-        return coefficients(models, terms, {"alpha": alpha, "elevator": jnp.asarray(0.0)})[2]
+        return six(FlightModel(learned_too), {"alpha": alpha, "elevator": jnp.asarray(0.0)})[2]
 
     one = {"alpha": np.array([0.1]), "elevator": np.array([0.0])}
     np.testing.assert_allclose(
         float(jax.jit(jax.grad(lift))(jnp.asarray(0.1))),
         model.derivative("CZ", "alpha", one).mean[0],
     )
+
+
+def test_another_process_of_the_same_size_is_compiled_once(model):
+    made = beyond(model)
+    other = replace(made, unit=2.0 * made.unit)
+    aircraft = aircraft_file.load(AIRCRAFT)
+    one, two = (FlightModel(replace(aircraft, beyond=each)) for each in (made, other))
+    assert jax.tree.structure(one) == jax.tree.structure(two)
+
+
+def test_what_it_adds_to_linear_terms_is_the_rest_of_a_derivative_s_variance(model):
+    at = {"alpha": np.array([0.07]), "elevator": np.array([0.05])}
+    added = model.linear_variance("CZ", ("1", "alpha", "alpha^2"), at)
+    whole, plain = (each.derivative("CZ", "alpha", at).deviation for each in (model, polynomial()))
+    np.testing.assert_allclose(added[1], (whole**2 - plain**2)[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        added[0], fitting.predict(model.process, np.array([[0.07, 0.05]])).variance[0, 0]
+    )
+    assert added[2] == 0.0
+    np.testing.assert_array_equal(model.linear_variance("Cm", ("1", "elevator"), at), [0.0, 0.0])
 
 
 def test_regions_are_the_nearest_points_where_there_is_a_local_part(model, asked):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gcs_sysid import frames
 from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, Value
 from gcs_sysid.model import rigid_body
 from gcs_sysid.model.flight_model import FlightModel
@@ -81,3 +82,31 @@ def test_another_term_is_another_form():
     assert jax.tree.structure(FlightModel(heavier(AIRCRAFT))) == jax.tree.structure(
         FlightModel(AIRCRAFT)
     )
+
+
+def bent(slopes, flow):
+    """CX…Cn that are no polynomial."""
+    return jnp.tanh(flow["alpha"])[..., None] * slopes
+
+
+def test_what_was_learned_beyond_the_terms_is_any_function_of_the_flow():
+    slopes = jnp.array([0.1, 0.0, -0.7, 0.0, 0.3, 0.2])
+    learned = replace(AIRCRAFT, beyond=jax.tree_util.Partial(bent, slopes))
+    other = replace(AIRCRAFT, beyond=jax.tree_util.Partial(bent, 2.0 * slopes))
+    calls = []
+
+    @jax.jit
+    def traced(model, terms):
+        calls.append(1)
+        return derivative(model, terms)
+
+    plain = traced(FlightModel(AIRCRAFT), terms_of(AIRCRAFT))
+    one = traced(FlightModel(learned), terms_of(AIRCRAFT))
+    two = traced(FlightModel(other), terms_of(AIRCRAFT))
+    assert len(calls) == 2  # other numbers of the same function wait for no compiler
+    values = rigid_body.parameters(AIRCRAFT)
+    felt = rigid_body.flow(AIRCRAFT, values, AT, INPUTS)
+    area = felt["qbar"] * AIRCRAFT.geometry.wing_area
+    wanted = frames.rotate(AT.attitude, area * bent(slopes, felt)[:3] / values.mass)
+    np.testing.assert_allclose(one.velocity - plain.velocity, wanted, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(two.rate - plain.rate, 2.0 * (one.rate - plain.rate), rtol=1e-9)

@@ -71,7 +71,8 @@ def command(
     _may_write(destination, source)
     if to == "jsbsim":
         document = _jsbsim(aircraft, model, destination)
-        output.show(document, str(destination), as_json=as_json)
+        text = "\n".join([*document["warnings"], str(destination)])
+        output.show(document, text, as_json=as_json)
         return
     from gcs_sysid.offline import export
 
@@ -99,6 +100,7 @@ def _jsbsim(aircraft: Path | None, model: Path | None, out: Path) -> dict[str, A
         "aircraft": source.aircraft.name,
         "source": source.source,
         "file": str(out),
+        "warnings": source.left_out(out.name),
     }
 
 

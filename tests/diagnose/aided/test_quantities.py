@@ -6,6 +6,7 @@ for the same cause must be that aircraft.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from gcs_sysid import aircraft_file, regressors
-from gcs_sysid.aircraft import Aircraft, CoefficientModel
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, CoefficientModel
 from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.diagnose import extended
 from gcs_sysid.diagnose.aided import beliefs, quantities
@@ -239,8 +240,13 @@ def coefficients(found: Quantities, along: dict[str, float], flow: dict[str, flo
                 if kind == "aerodynamics" and coefficient == name:
                     terms[key] = replace(terms[key], value=terms[key].value + size * weight)
         models[name] = CoefficientModel(terms, model.tables)
+    return acting(replace(found.aircraft, aerodynamics=models), flow)
+
+
+def acting(aircraft: Aircraft, flow: Mapping[str, float | np.ndarray]) -> np.ndarray:
+    """CX…Cn of an aircraft."""
     values = {key: jnp.asarray(value) for key, value in flow.items()}
-    return np.array([float(aerodynamics.coefficient(models[name], values)) for name in models])
+    return np.asarray(aerodynamics.of_aircraft(aircraft, values))
 
 
 def at(aircraft: Aircraft, **given: float) -> dict[str, float]:
@@ -284,12 +290,7 @@ def test_what_bends_is_put_right_by_level_and_loss_together(aircraft) -> None:
     made = extended.corrected(aircraft, wrong, found.directions)
     for qbar in (160.0, 340.0):
         flow = at(aircraft, elevator=0.1, alpha=0.03, qbar=qbar)
-        values = {key: jnp.asarray(value) for key, value in flow.items()}
-        flies = [
-            float(aerodynamics.coefficient(made.aerodynamics.get(name, CoefficientModel()), values))
-            for name in found.aircraft.aerodynamics
-        ]
-        np.testing.assert_allclose(flies, coefficients(found, bent, flow), atol=1e-12)
+        np.testing.assert_allclose(acting(made, flow), coefficients(found, bent, flow), atol=1e-12)
     assert made.servos == aircraft.servos
 
 
@@ -375,13 +376,16 @@ def test_what_nobody_sees_is_a_percent_of_what_a_coefficient_does(aircraft) -> N
     assert all(size == 0.0 for name, size in sizes.items() if not name.startswith("aero"))
     for coefficient in ("CZ", "Cm"):
         model = found.aircraft.aerodynamics[coefficient]
-        value = np.asarray(aerodynamics.coefficient(model, flow))
+        column = COEFFICIENTS.index(coefficient)
+        value = acting(found.aircraft, flow)[:, column]
         for key in ("1", "alpha", "qhat"):
             term = model.terms[key]
             off = sizes[f"aerodynamics.{coefficient}.{key}"]
             moved = replace(term, value=term.value + off)
             other = replace(model, terms={**model.terms, key: moved})
-            change = np.asarray(aerodynamics.coefficient(other, flow)) - value
+            every = {**found.aircraft.aerodynamics, coefficient: other}
+            flies = acting(replace(found.aircraft, aerodynamics=every), flow)[:, column]
+            change = flies - value
             size = np.abs(change).mean() if key == "1" else change.std()
             assert size == pytest.approx(0.01 * value.std(), rel=1e-6)
 
