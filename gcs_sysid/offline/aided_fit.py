@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -25,6 +26,7 @@ from gcs_sysid.estimate import (
     flight_rows,
     in_common,
     inside_filter,
+    lacking,
     scoring,
     settling,
 )
@@ -32,6 +34,7 @@ from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
 from gcs_sysid.estimate.intensities import Prior as NoisePrior
+from gcs_sysid.estimate.lacking import Lacking, Scores
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
@@ -72,6 +75,7 @@ class AidedFlights:
         final: the model of all.
         aircraft: with the mass, inertia and thrust that go with the final model.
         fits: of the final model, one a flight.
+        lacking: terms that the final model does not have, and the flights ask for.
         notes: what the engineer should know.
     """
 
@@ -80,6 +84,7 @@ class AidedFlights:
     final: AeroModel
     aircraft: Aircraft
     fits: tuple[Fit, ...]
+    lacking: tuple[Lacking, ...]
     notes: tuple[str, ...]
 
 
@@ -161,6 +166,7 @@ def identify(
         final=inside_filter.model(found, samples, aircraft, structure, kept),
         aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
+        lacking=_lacking(model, prepared, final_fits, before, seen, structure),
         notes=(
             *(() if body else _held(aircraft)),
             *(
@@ -175,6 +181,35 @@ def identify(
             ),
         ),
     )
+
+
+def _lacking(
+    model: FlightModel,
+    prepared: Sequence[_Prepared],
+    fits: Sequence[Fit],
+    before: Derivatives,
+    seen: Sequence[Flight],
+    structure: Mapping[str, Sequence[str]],
+) -> tuple[Lacking, ...]:
+    """Terms that the flights together ask for."""
+    aircraft = prepared[0].one.aircraft
+    keys, each = lacking.candidates(aircraft), []
+    for item, fit in zip(prepared, fits, strict=True):
+        rows, counts = flight_rows.busiest(item.rows, np.ones_like(item.held))
+        beliefs = _beliefs(item, _with(item.first, before), before.covariance)
+        each.append(lacking.scores(model, rows, fit.unknowns, beliefs, counts, keys))
+    used = [one.pieces() >= 0 for one in seen]
+    flow, measured = (
+        {
+            name: np.concatenate(
+                [of(one)[name][part] for one, part in zip(seen, used, strict=True)]
+            )
+            for name in of(seen[0])
+        }
+        for of in (lambda one: one.samples.regressors, lambda one: one.samples.measured)
+    )
+    told = reduce(Scores.plus, each)
+    return tuple(lacking.strongest(told, aircraft, structure, keys, flow, measured))
 
 
 def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:

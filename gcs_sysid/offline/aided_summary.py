@@ -10,6 +10,7 @@ import numpy as np
 from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.model import aided
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.reconstruct.compatibility import Estimate
@@ -29,6 +30,21 @@ def method(fits: Sequence[Fit], reason: str | None) -> dict[str, Any]:
         "steps": [len(fit.log_likelihood) - 1 for fit in fits],
         "innovations": [_innovations(fit) for fit in fits],
     }
+
+
+def lacking(terms: Sequence[Lacking]) -> list[dict[str, Any]]:
+    """Terms that flights ask for, the surest first."""
+    return [
+        {
+            "coefficient": one.coefficient,
+            "regressor": one.key,
+            "log_bayes_factor": one.evidence,
+            "value": one.value,
+            "sd": one.deviation,
+            "share": one.share,
+        }
+        for one in terms
+    ]
 
 
 def _innovations(fit: Fit) -> dict[str, float]:

@@ -21,6 +21,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import equation_error, stepwise, verdict
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.offline import (
     advice,
@@ -36,7 +37,7 @@ from gcs_sysid.offline import (
     summary,
     unused_keys,
 )
-from gcs_sysid.offline.aided_fit import UnsettledError
+from gcs_sysid.offline.aided_fit import AidedFlights, UnsettledError
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.reconstruct.segments import split
@@ -44,6 +45,8 @@ from gcs_sysid.reconstruct.segments import split
 Method = Literal["auto", "filter-error", "equation-error"]
 Body = Literal["file", "flight"]
 ASKED, CALM = "asked for", "calm air, in which least squares does as well in seconds"
+ROUNDS = 4
+"""Times that flights are fitted inside the filter, each with the terms that the last asked for."""
 FLIGHT_IDS = 1000
 """Maneuver ids of the second flight start here, those of the third at twice this."""
 
@@ -98,11 +101,9 @@ def run(
     described = flight.without_controls(described, {name for one in flights for name in one.absent})
     fitting = clock.perf_counter()
     believed = file_prior(described) if prior == "file" else None
-    structure = _structure(flights, described, by_data=stepwise)
     kept, held_out = split([item for one in flights for item in one.segments])
-    found = _fitted(
-        flights, described, structure, believed, (kept, held_out), method, body, progress
-    )
+    asked = _Asked(believed, kept, held_out, method, body, by_data=stepwise)
+    found = _fitted(flights, described, asked, progress)
     scored = learned.beside(found.scored, found.flights, kept)
     found = found._replace(
         scored=scored, final=learned.after_all(found.final, scored, found.flights)
@@ -184,21 +185,31 @@ def file_prior(aircraft: Aircraft) -> dict[str, Prior]:
     }
 
 
-def _structure(
-    flights: Sequence[Flight], aircraft: Aircraft, *, by_data: bool
-) -> Mapping[str, Sequence[str]]:
-    usual = regressors.default_structure(aircraft)
-    if not by_data:
-        return usual
-    samples = [one.samples for one in flights]
-    return stepwise.choose(samples, aircraft, usual, [one.pieces() for one in flights])
+class _Asked(NamedTuple):
+    """How flights are to be fitted.
+
+    Attributes:
+        prior: what is believed of the derivatives; None for nothing.
+        kept: ids of the maneuvers to learn from.
+        held_out: ids of those that judge.
+        method: by which.
+        body: whether mass, inertia and thrust are found too.
+        by_data: whether terms are chosen by the data.
+    """
+
+    prior: Mapping[str, Prior] | None
+    kept: Sequence[int]
+    held_out: Sequence[int]
+    method: Method
+    body: Body
+    by_data: bool
 
 
 class _Found(NamedTuple):
     """Models, and the flights with the states that they were made from.
 
     `aircraft` is the one that goes with the final model. `fits` are those inside the filter, none
-    where coefficients were fitted; `reason` says why not.
+    where coefficients were fitted; `reason` says why not. `lacking` are terms that it asks for.
     """
 
     flights: Sequence[Flight]
@@ -207,40 +218,56 @@ class _Found(NamedTuple):
     aircraft: Aircraft
     fits: Sequence[Fit]
     reason: str | None
+    lacking: Sequence[Lacking]
     notes: Sequence[str]
 
 
 def _fitted(
-    flights: Sequence[Flight],
-    aircraft: Aircraft,
-    structure: Mapping[str, Sequence[str]],
-    prior: Mapping[str, Prior] | None,
-    parts: tuple[Sequence[int], Sequence[int]],
-    method: Method,
-    body: Body,
-    progress: Progress,
+    flights: Sequence[Flight], aircraft: Aircraft, asked: _Asked, progress: Progress
 ) -> _Found:
-    kept, held_out = parts
-
     def share(text: str, done: float) -> None:
         progress(text, 0.5 + 0.5 * done)
 
-    scored = _fit(flights, aircraft, structure, kept, prior)
-    reason = _spared(flights, scored, method) or _unfit(flights)
+    usual = regressors.default_structure(aircraft)
+    structure = usual
+    if asked.by_data:
+        samples = [one.samples for one in flights]
+        structure = stepwise.choose(samples, aircraft, usual, [one.pieces() for one in flights])
+    scored = _fit(flights, aircraft, structure, asked.kept, asked.prior)
+    reason = _spared(flights, scored, asked.method) or _unfit(flights)
     if reason is None:
         try:
-            inside = aided_fit.identify(
-                flights, aircraft, structure, prior, held_out, share, body=body == "flight"
-            )
+            inside = _inside(flights, aircraft, usual, asked, share)
             return _Found(
                 *(inside.flights, inside.scored, inside.final, inside.aircraft),
-                *(inside.fits, None, inside.notes),
+                *(inside.fits, None, inside.lacking, inside.notes),
             )
         except UnsettledError as error:
             reason = str(error)
     share("fitting the model", 1.0)
-    final = _fit(flights, aircraft, structure, None, prior)
-    return _Found(flights, scored, final, aircraft, (), reason, ())
+    final = _fit(flights, aircraft, structure, None, asked.prior)
+    return _Found(flights, scored, final, aircraft, (), reason, (), ())
+
+
+def _inside(
+    flights: Sequence[Flight],
+    aircraft: Aircraft,
+    usual: Mapping[str, Sequence[str]],
+    asked: _Asked,
+    progress: Progress,
+) -> AidedFlights:
+    """Fitted inside the filter; where terms are chosen by the data, with those that it asks for."""
+    structure = dict(usual)
+    for _ in range(ROUNDS):
+        found = aided_fit.identify(
+            *(flights, aircraft, structure, asked.prior, asked.held_out, progress),
+            body=asked.body == "flight",
+        )
+        if not (asked.by_data and found.lacking):
+            break
+        for one in found.lacking:
+            structure[one.coefficient] = (*structure[one.coefficient], one.key)
+    return found
 
 
 def _spared(flights: Sequence[Flight], fitted: AeroModel, method: Method) -> str | None:
@@ -296,6 +323,7 @@ def _document(
         "coefficients": summary.scores(table, table["held_out"], refused),
         "derivatives": found,
         "method": aided_summary.method(made.fits, made.reason),
+        "lacking": aided_summary.lacking(made.lacking),
         "mass_properties": aided_summary.body(made.fits, aircraft),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
@@ -312,7 +340,7 @@ def _document(
         aided_summary.put_reconstruction(document["reconstruction"], made.fits[0], flights[0])
     elif made.reason not in (ASKED, CALM):
         document["warnings"].append(f"not fitted inside the filter: {made.reason}")
-    document["warnings"] += made.notes
+    document["warnings"] += [*advice.lacking(made.lacking), *made.notes]
     if not held_out:
         document["warnings"].append(
             "no maneuver could be held out: the flight has too few, so nothing is scored"

@@ -16,6 +16,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
+from gcs_sysid import regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.diagnose.aided import beliefs, quantities
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
@@ -286,13 +287,15 @@ def with_terms(
     done = found.settled
     unknowns = settling.at(done, subject.first.means)
     constants = [names.index(f"aerodynamics.{name}.1") for name in COEFFICIENTS]
+    controls = model.aircraft.control_names
+    products = [regressors.parse("*".join(term), controls=controls) for term in terms]
     last = causal.passed(
         model,
         unknowns.means,
         unknowns.log_noise,
         done.last.path,
         done.fitted,
-        more=causal.More(tuple(terms), tuple(constants)),
+        more=causal.More(tuple(products), tuple(constants)),
     )
     values = np.concatenate([done.values, np.zeros(len(COEFFICIENTS) * len(terms))])
     return Weighed(

@@ -27,7 +27,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
-from gcs_sysid import parallel
+from gcs_sysid import parallel, regressors
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import Means, Noise, Row, State
@@ -36,6 +36,7 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Beginning, Chunk
 from gcs_sysid.reconstruct.linear_filter import Belief
+from gcs_sysid.regressors import Regressor
 
 BLOCK = 100
 """Rows whose scores are told together: a second or two of flight."""
@@ -78,11 +79,11 @@ class More(NamedTuple):
     They come behind the parameters, coefficient by coefficient.
 
     Attributes:
-        terms: products of variables.
+        terms: regressors.
         constants: parameters that are the constants of the coefficients.
     """
 
-    terms: tuple[tuple[str, ...], ...]
+    terms: tuple[Regressor, ...]
     constants: tuple[int, ...]
 
 
@@ -346,7 +347,7 @@ def _with_more(
         found = []
         for at, when in ((middle, 1), (part.after, 2)):
             felt = aided.flow(model.aircraft, means, at, part.row, when)
-            values = [jnp.prod(jnp.stack([felt[name] for name in term])) for term in more.terms]
+            values = [regressors.evaluate(term, felt) for term in more.terms]
             found.append(jnp.stack(values))
         return found[0], found[1]
 

@@ -254,6 +254,9 @@ def scored(
         "derivatives": derivatives,
         "turning": turning(aircraft, fit),
         "body": found.body,
+        "lacking": [
+            [one.coefficient, one.key, one.evidence, one.share] for one in known_by.lacking
+        ],
     }
 
 
@@ -369,6 +372,20 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
             for key, z in off.items()
         ],
     )
+    asked = [result["lacking"] for result in results if "lacking" in result]
+    if asked:
+        table.show(
+            f"{name}_lacking",
+            f"{title}: terms asked for of which the aircraft has none",
+            ("flights", "where a term was asked for", "the largest would move"),
+            [
+                (
+                    len(asked),
+                    sum(bool(each) for each in asked),
+                    f"{100.0 * max((term[3] for each in asked for term in each), default=0.0):.0f} %",
+                )
+            ],
+        )
     if results[0].get("body"):
         table.show(
             f"{name}_body",

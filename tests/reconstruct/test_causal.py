@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
+from gcs_sysid import regressors
 from gcs_sysid.estimate import intensities
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model import aided, air
@@ -167,7 +168,7 @@ def test_a_term_asked_beside_is_told_as_the_models_own(flight) -> None:
     keys = [(name, key) for name in sorted(made.TERMS) for key in sorted(made.TERMS[name])]
     constant, slope = keys.index(("CZ", "1")), keys.index(("CZ", "alpha"))
     path = settled(flight, means)
-    done = passed(path, means, more=More((("alpha",),), (constant,)))
+    done = passed(path, means, more=More((regressors.parse("alpha"),), (constant,)))
     assert done.told.score.size == flat.size + 1
     assert done.told.matrix[-1, -1] == pytest.approx(done.told.matrix[slope, slope], rel=1e-3)
     assert done.told.score[-1] == pytest.approx(done.told.score[slope], rel=1e-3, abs=1e-2)
