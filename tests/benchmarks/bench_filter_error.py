@@ -374,6 +374,7 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
     )
     asked = [result["lacking"] for result in results if "lacking" in result]
     if asked:
+        shares = [share for each in asked for *_, share in each]
         table.show(
             f"{name}_lacking",
             f"{title}: terms asked for of which the aircraft has none",
@@ -382,7 +383,7 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
                 (
                     len(asked),
                     sum(bool(each) for each in asked),
-                    f"{100.0 * max((term[3] for each in asked for term in each), default=0.0):.0f} %",
+                    f"{100.0 * max(shares, default=0.0):.0f} %",
                 )
             ],
         )
