@@ -10,7 +10,6 @@ import numpy as np
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.diagnose.investigation import GUSTY
-from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.estimate.verdict import COLLINEAR, collinear_with
 from gcs_sysid.offline.flight import Flight
@@ -75,17 +74,6 @@ def warnings(flights: Sequence[Flight], model: AeroModel) -> list[str]:
     for name, fit in model.fits.items():
         out += _collinear(name, fit)
     return list(dict.fromkeys(out))
-
-
-def lacking(terms: Sequence[Lacking]) -> list[str]:
-    """What it means that flights ask for terms which a model inside the filter does not have."""
-    return [
-        f"{one.coefficient}: the flight asks for a term {one.key} that the model does not have (it "
-        f"would move {100.0 * one.share:.0f} % of the coefficient's spread; logarithm of the Bayes "
-        f"factor {one.evidence:.0f}): flow angles are bent until the model fits, and derivatives "
-        "with them; --stepwise takes such terms in, and diagnose names causes"
-        for one in terms
-    ]
 
 
 def gusty(flight: Flight) -> bool:

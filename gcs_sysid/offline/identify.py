@@ -340,7 +340,7 @@ def _document(
         aided_summary.put_reconstruction(document["reconstruction"], made.fits[0], flights[0])
     elif made.reason not in (ASKED, CALM):
         document["warnings"].append(f"not fitted inside the filter: {made.reason}")
-    document["warnings"] += [*advice.lacking(made.lacking), *made.notes]
+    document["warnings"] += made.notes
     if not held_out:
         document["warnings"].append(
             "no maneuver could be held out: the flight has too few, so nothing is scored"

@@ -37,6 +37,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         _accuracy(summary),
         _trust(summary),
         _refused(summary),
+        _lacking(summary),
         _learned(summary),
         _against_file(summary),
         _sensors(summary),
@@ -141,6 +142,24 @@ def _learned(summary: Mapping) -> Finding | None:
     if lost:
         text += f"; not at all: {_listed(lost[:_SHOWN])}{_more(lost)}"
     return Finding("Learned", f"{text}.")
+
+
+def _lacking(summary: Mapping) -> Finding | None:
+    """Terms that the flight asks for, and what it means that the model does not have them."""
+    terms = summary.get("lacking") or []
+    if not terms:
+        return None
+    parts = [
+        f"{labels.derivative(one['coefficient'], one['regressor'])} ({100.0 * one['share']:.0f} % "
+        f"of its spread, Bayes factor e^{one['log_bayes_factor']:.0f})"
+        for one in terms
+    ]
+    return Finding(
+        "Lacks",
+        f"The flight asks for terms that the model does not have: {_listed(parts)}. What is "
+        "missing bends derivatives and flow angles; --stepwise takes it in, diagnose looks for "
+        "causes.",
+    )
 
 
 def _against_file(summary: Mapping) -> Finding | None:

@@ -7,15 +7,19 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import InputError, RefusedError, UsageError
 from gcs_sysid.estimate import filter_error
+from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.estimate.scoring import LostError
-from gcs_sysid.offline import flight, identify, inspect, model_store
+from gcs_sysid.offline import aided_fit, flight, identify, inspect, model_store
+from gcs_sysid.offline.aided_fit import AidedFlights
 from gcs_sysid.recording import Recording
 from tests.offline import made_models
 from tests.offline.conftest import AIRCRAFT, DEMO, ROOT, SECOND, Identified, beginning, run
@@ -382,6 +386,33 @@ def test_least_squares_that_blames_the_flow_is_left_for_the_filter() -> None:
     assert identify._spared([], clear, "auto") == identify.CALM
     assert identify._spared([], unclear, "auto") is None
     assert identify._spared([], unclear, "equation-error") == identify.ASKED
+
+
+def test_terms_that_the_filter_asks_for_are_taken_in_until_it_asks_for_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bend = Lacking("CZ", "max(0, alpha - 0.12)", 300.0, 3.0, 0.1, 0.2)
+    drag = Lacking("CX", "alpha^3", 20.0, 7.0, 1.0, 0.05)
+    asked_for, fitted = [(bend, drag), ()], []
+
+    def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> Mock:
+        fitted.append({name: tuple(keys) for name, keys in structure.items()})
+        return Mock(spec=AidedFlights, lacking=asked_for[len(fitted) - 1])
+
+    monkeypatch.setattr(aided_fit, "identify", fit)
+    usual = {"CX": ("1",), "CZ": ("1", "alpha")}
+
+    def structures(*, by_data: bool) -> list[dict[str, tuple[str, ...]]]:
+        fitted.clear()
+        asked = identify._Asked(None, (), (), "filter-error", "file", by_data=by_data)
+        identify._inside([], aircraft_file.load(AIRCRAFT), usual, asked, lambda *_: None)
+        return fitted
+
+    assert structures(by_data=False) == [usual]
+    assert structures(by_data=True) == [
+        usual,
+        {"CX": ("1", "alpha^3"), "CZ": ("1", "alpha", "max(0, alpha - 0.12)")},
+    ]
 
 
 def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(

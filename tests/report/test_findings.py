@@ -67,6 +67,18 @@ def test_refused_coefficients_share_a_sentence_and_have_no_error(summary: dict) 
     assert "CX" not in _text(changed, "Accuracy")
 
 
+def test_what_the_model_lacks_comes_before_what_was_learned(summary: dict) -> None:
+    topics = [one.topic for one in findings(summary)]
+    assert "Lacks" not in topics
+    term = {"coefficient": "CZ", "regressor": "max(0, alpha - 0.12)", "log_bayes_factor": 327.2}
+    summary["lacking"] = [{**term, "value": 3.0, "sd": 0.1, "share": 0.162}]
+    told = findings(summary)
+    place = [one.topic for one in told].index("Lacks")
+    assert told[place + 1].topic == "Learned"
+    assert "CZ_max(0, alpha - 0.12) (16 % of its spread, Bayes factor e^327)" in told[place].text
+    assert "--stepwise" in told[place].text
+
+
 def test_a_constant_is_not_counted_as_a_derivative(summary: dict) -> None:
     count = sum(key != "1" for entries in summary["derivatives"].values() for key in entries)
     assert f"of {count} derivatives" in _text(summary, "Learned")
