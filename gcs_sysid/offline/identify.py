@@ -45,8 +45,8 @@ from gcs_sysid.reconstruct.segments import split
 Method = Literal["auto", "filter-error", "equation-error"]
 Body = Literal["file", "flight"]
 ASKED, CALM = "asked for", "calm air, in which least squares does as well in seconds"
-ROUNDS = 4
-"""Times that flights are fitted inside the filter, each with the terms that the last asked for."""
+ROUNDS = 3
+"""Times that flights are fitted once more inside the filter, with the terms that they asked for."""
 FLIGHT_IDS = 1000
 """Maneuver ids of the second flight start here, those of the third at twice this."""
 
@@ -257,16 +257,25 @@ def _inside(
     progress: Progress,
 ) -> AidedFlights:
     """Fitted inside the filter; where terms are chosen by the data, with those that it asks for."""
-    structure = dict(usual)
-    for _ in range(ROUNDS):
-        found = aided_fit.identify(
+
+    def fitted(structure: Mapping[str, Sequence[str]]) -> AidedFlights:
+        return aided_fit.identify(
             *(flights, aircraft, structure, asked.prior, asked.held_out, progress),
             body=asked.body == "flight",
         )
-        if not (asked.by_data and found.lacking):
+
+    structure = dict(usual)
+    found = fitted(structure)
+    for _ in range(ROUNDS if asked.by_data else 0):
+        if not found.lacking:
             break
         for one in found.lacking:
             structure[one.coefficient] = (*structure[one.coefficient], one.key)
+        try:
+            found = fitted(structure)
+        except UnsettledError as error:
+            note = f"terms that the flight asks for were not taken in: {error}"
+            return replace(found, notes=(*found.notes, note))
     return found
 
 

@@ -19,10 +19,11 @@ from gcs_sysid.estimate import filter_error
 from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.offline import aided_fit, flight, identify, inspect, model_store
-from gcs_sysid.offline.aided_fit import AidedFlights
+from gcs_sysid.offline.aided_fit import AidedFlights, UnsettledError
 from gcs_sysid.recording import Recording
 from tests.offline import made_models
 from tests.offline.conftest import AIRCRAFT, DEMO, ROOT, SECOND, Identified, beginning, run
+from tests.offline.made_aircraft import small
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -413,6 +414,25 @@ def test_terms_that_the_filter_asks_for_are_taken_in_until_it_asks_for_none(
         usual,
         {"CX": ("1", "alpha^3"), "CZ": ("1", "alpha", "max(0, alpha - 0.12)")},
     ]
+
+
+def test_a_fit_that_does_not_end_with_what_was_asked_for_leaves_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
+    first = AidedFlights([], made_models.model(), made_models.model(), small(), (), (term,), ())
+
+    def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
+        if "alpha^3" in structure["CZ"]:
+            raise UnsettledError("flight.tlog: no end")
+        return first
+
+    monkeypatch.setattr(aided_fit, "identify", fit)
+    asked = identify._Asked(None, (), (), "filter-error", "file", by_data=True)
+    found = identify._inside([], small(), {"CZ": ("1", "alpha")}, asked, lambda *_: None)
+    assert found.scored is first.scored
+    assert found.lacking == (term,)
+    assert found.notes == ("terms that the flight asks for were not taken in: flight.tlog: no end",)
 
 
 def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
