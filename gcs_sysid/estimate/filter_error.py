@@ -12,7 +12,7 @@ scores of stretches of flight scatter more than independent innovations would ma
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -93,13 +93,10 @@ def fit(
     Raises:
         LostError: the filter lost the aircraft.
     """
-    done, whole = None, False
     if stretch is None:
-        done, whole = _begun(model, flight, first, beliefs, counts, progress)
-        first, stretch = done.unknowns, done.curvature
-    if done is None or not whole:
-        begun = settling.rested(model, flight, first, beliefs, counts)
-        done = scoring.climbed(model, first.means, begun, beliefs, progress, stretch)
+        done, stretch = _from_stretches(model, flight, first, beliefs, counts, progress)
+    else:
+        done = _over_all(model, flight, first, beliefs, counts, progress, stretch)
     unknowns = done.unknowns
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
@@ -122,22 +119,70 @@ def fit(
     )
 
 
-def _begun(
+def _from_stretches(
     model: FlightModel,
     flight: Flight,
     first: Unknowns,
     beliefs: Beliefs,
     counts: Bool[np.ndarray, " sample"],
     progress: Callable[[str], None],
-) -> tuple[Scored, bool]:
-    """Where the steps ended on a stretch of a flight, and whether that is all of the flight.
+) -> tuple[Scored, Curvature]:
+    """Where the steps ended on a flight, begun on a stretch of it, and that stretch's curvature.
+
+    Where they end astray on the whole flight another stretch is begun on. On one of seventy flights
+    (7063 of `tests/benchmarks/bench_filter_error.py`) they had seemed near on the second stretch
+    and were 22 deviations from anywhere on the whole.
+    """
+    tried: list[tuple[Scored, Curvature]] = []
+    lost: LostError | None = None
+    for done, whole in _beginnings(model, flight, first, beliefs, counts, progress):
+        curvature = done.curvature
+        try:
+            if not whole:
+                done = _over_all(model, flight, done.unknowns, beliefs, counts, progress, curvature)
+        except LostError as error:
+            lost = error
+            continue
+        tried.append((done, curvature))
+        if done.near:
+            break
+    if not tried:
+        raise lost or LostError
+    return max(tried, key=lambda one: (one[0].ended, one[0].log_likelihood[-1]))
+
+
+def _over_all(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    progress: Callable[[str], None],
+    stretch: Curvature,
+) -> Scored:
+    """Where the steps end on the whole flight, begun near."""
+    begun = settling.rested(model, flight, first, beliefs, counts)
+    return scoring.climbed(model, first.means, begun, beliefs, progress, stretch)
+
+
+def _beginnings(
+    model: FlightModel,
+    flight: Flight,
+    first: Unknowns,
+    beliefs: Beliefs,
+    counts: Bool[np.ndarray, " sample"],
+    progress: Callable[[str], None],
+) -> Iterator[tuple[Scored, bool]]:
+    """Where the steps ended on stretches of a flight, and whether each is all of the flight.
 
     On two of twenty flights (those of `tests/benchmarks/bench_filter_error.py`) the turns run into
     setbacks on the stretch with the most control, and from where they stand the steps lead nowhere.
-    Another stretch has other gusts, and another way there.
+    Another stretch has other gusts, and another way there. Where they lead nowhere on all, the one
+    that came nearest is told.
     """
-    best: tuple[Scored, bool] | None = None
+    astray: list[tuple[Scored, bool]] = []
     settled: list[Settled] = []
+    any_near = False
     for part, taken, whole in settling.beginnings(flight, counts, progress):
         begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
         settled.append(begun)
@@ -147,15 +192,19 @@ def _begun(
             done = scoring.climbed(model, first.means, begun, beliefs, progress)
         except LostError:
             continue
-        if best is None or done.moving < best[0].moving:
-            best = done, whole
-        if done.ended or done.moving < scoring.ASTRAY:
-            break
-    if best is None:
+        if done.near:
+            any_near = True
+            yield done, whole
+        else:
+            astray.append((done, whole))
+    if any_near:
+        return
+    if astray:
+        yield min(astray, key=lambda one: one[0].moving)
+    else:
         # The one with the least to gain, for want of a better; a lost one is lost here too.
         begun = settling.least_left(settled)
-        best = scoring.climbed(model, first.means, begun, beliefs, progress), whole
-    return best
+        yield scoring.climbed(model, first.means, begun, beliefs, progress), whole
 
 
 def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"], Unknowns]:

@@ -95,6 +95,11 @@ class Scored:
     ended: bool
     moving: float
 
+    @property
+    def near(self) -> bool:
+        """Whether the search ended, or is at least not astray."""
+        return self.ended or self.moving < ASTRAY
+
     def scatter(self) -> float:
         """Overdispersion of the parameters' scores."""
         count = int(self.free[0].sum())

@@ -118,7 +118,8 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
         monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
         monkeypatch.setattr(settling, "settle", settle)
         monkeypatch.setattr(scoring, "climbed", climbed)
-        done, whole = filter_error._begun(made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
+        given = (made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
+        done, whole = next(filter_error._beginnings(*given))
         assert not whole
         return done.moving
 
@@ -136,6 +137,48 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
     assert begun((30.0, np.nan), (0.5, 0.1)) == 0.1
     with pytest.raises(LostError):
         begun((30.0, np.nan), (20.0, np.nan), (10.0, np.nan))
+
+
+def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
+    monkeypatch,
+) -> None:
+    """By how much a derivative is still to move, and the log-likelihood, at each end."""
+    one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
+    overall: list[tuple[float, float]] = []
+
+    def scored(moving: float, likely: float) -> Scored:
+        return Scored(
+            *(FIRST, free, Curvature(one, one, one), one, one, one, (likely,)),
+            ended=moving < 0.25,
+            moving=moving,
+        )
+
+    def reached(*ends: tuple[float, float]) -> tuple[float, float]:
+        """Where each stretch leads on the whole flight: what was reached at last."""
+        overall[:] = ends
+        monkeypatch.setattr(
+            filter_error, "_beginnings", lambda *_: ((scored(0.1, 0.0), False) for _ in ends)
+        )
+
+        def over_all(*_) -> Scored:
+            moving, likely = overall.pop(0)
+            if np.isnan(moving):
+                raise LostError
+            return scored(moving, likely)
+
+        monkeypatch.setattr(filter_error, "_over_all", over_all)
+        none = Beliefs(np.zeros(1), np.zeros((1, 1)), Prior(FIRST.log_noise, FIRST.log_noise))
+        given = (made.MODEL, made.made_flight(), FIRST, none, np.ones(1, dtype=bool))
+        done, _ = filter_error._from_stretches(*given, lambda _: None)
+        return done.moving, done.log_likelihood[-1]
+
+    assert reached((4.0, 10.0), (0.1, 12.0)) == (4.0, 10.0)
+    assert len(overall) == 1
+    assert reached((22.0, 10.0), (0.1, 8.0)) == (0.1, 8.0)
+    assert reached((22.0, 10.0), (23.0, 15.0), (30.0, 3.0)) == (23.0, 15.0)
+    assert reached((np.nan, 0.0), (22.0, 5.0)) == (22.0, 5.0)
+    with pytest.raises(LostError):
+        reached((np.nan, 0.0), (np.nan, 0.0))
 
 
 @pytest.mark.parametrize(
