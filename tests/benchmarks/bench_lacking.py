@@ -146,48 +146,61 @@ def _off(aircraft: Aircraft, derivatives: dict[str, Any]) -> list[float]:
     return off
 
 
+FITTED = {"usual": "usual terms", "asked": "with terms asked for"}
+
+
 def shown(results: Sequence[dict[str, Any]]) -> None:
-    """Prints both fits of every flight."""
-    rows = []
-    for result in results:
-        knot, lost = HIDDEN[result["number"]]
-        for label, words in (("usual", "usual terms"), ("asked", "with terms asked for")):
-            part = result[label]
-            forces, moments = (
-                np.mean([part["errors"][name] for name in names]) for names in (FORCES, MOMENTS)
-            )
-            held = np.mean(np.abs(part["off"]) < 1.96)
-            lacking = ", ".join(
+    """Prints both fits of every flight, and their mean."""
+    rows = [
+        (
+            words,
+            f"{knot:g} rad, {100.0 * lost:.0f} %",
+            *_numbers([result[label]]),
+            ", ".join(
                 f"{one['coefficient']}_{one['regressor']} ({one['log_bayes_factor']:.0f})"
-                for one in part["lacking"]
+                for one in result[label]["lacking"]
             )
-            rows.append(
-                (
-                    f"{knot:g} rad, {100.0 * lost:.0f} %",
-                    words,
-                    ", ".join(part["terms"]) or "–",
-                    f"{part['errors']['CZ']:.1f}",
-                    f"{forces:.1f} / {moments:.1f}",
-                    f"{part['flow'][0]:.2f} / {part['flow'][1]:.2f}",
-                    f"{100.0 * held:.0f} %",
-                    lacking or "nothing",
-                )
-            )
+            or "nothing",
+        )
+        for result in results
+        for knot, lost in [HIDDEN[result["number"]]]
+        for label, words in FITTED.items()
+    ]
+    means = [
+        (words, f"mean of {len(results)}", *_numbers([result[label] for result in results]), "")
+        for label, words in FITTED.items()
+    ]
     table.show(
         "lacking",
-        "A lift slope that breaks, in gusts of 0.8 m/s without vanes, no prior: % error on another "
-        "flight against what flew",
+        "A lift slope that breaks, in gusts of 0.8 m/s without vanes, no prior, 1.5 min: % error "
+        "on another flight against what flew",
         (
-            "hidden: break, loss",
             "fitted",
-            "terms taken in",
+            "hidden: break, loss",
             "CZ",
-            "forces / moments",
-            "alpha / beta [°]",
+            "forces",
+            "moments",
+            "alpha [°]",
+            "beta [°]",
             "95 % intervals that hold, CZ apart",
             "then asked for [nat]",
         ),
-        rows,
+        [*means, *rows],
+    )
+
+
+def _numbers(parts: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """Mean errors of some fits, and the share of their intervals that hold."""
+    errors = [
+        np.mean([part["errors"][name] for part in parts for name in names])
+        for names in (("CZ",), FORCES, MOMENTS)
+    ]
+    flow = np.mean([part["flow"] for part in parts], axis=0)
+    off = np.concatenate([part["off"] for part in parts])
+    return (
+        *(f"{error:.1f}" for error in errors),
+        *(f"{angle:.2f}" for angle in flow),
+        f"{100.0 * np.mean(np.abs(off) < 1.96):.0f} %",
     )
 
 
