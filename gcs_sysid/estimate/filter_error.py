@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -93,10 +94,11 @@ def fit(
     Raises:
         LostError: the filter lost the aircraft.
     """
+    search = _Search(model, flight, beliefs, counts, progress)
     if stretch is None:
-        done, stretch = _from_stretches(model, flight, first, beliefs, counts, progress)
+        done, stretch = _from_stretches(search, first)
     else:
-        done = _over_all(model, flight, first, beliefs, counts, progress, stretch)
+        done = _over_all(search, first, stretch)
     unknowns = done.unknowns
     states, smoothed = aided_smoother.iterated(
         model, *unknowns, flight.rows, flight.nominal, flight.beginning, rounds=SMOOTHED
@@ -119,14 +121,17 @@ def fit(
     )
 
 
-def _from_stretches(
-    model: FlightModel,
-    flight: Flight,
-    first: Unknowns,
-    beliefs: Beliefs,
-    counts: Bool[np.ndarray, " sample"],
-    progress: Callable[[str], None],
-) -> tuple[Scored, Curvature]:
+class _Search(NamedTuple):
+    """What is searched, wherever it begins; see `fit`."""
+
+    model: FlightModel
+    flight: Flight
+    beliefs: Beliefs
+    counts: Bool[np.ndarray, " sample"]
+    progress: Callable[[str], None]
+
+
+def _from_stretches(search: _Search, first: Unknowns) -> tuple[Scored, Curvature]:
     """Where the steps ended on a flight, begun on a stretch of it, and that stretch's curvature.
 
     Where they end astray on the whole flight another stretch is begun on. On one of seventy flights
@@ -135,11 +140,11 @@ def _from_stretches(
     """
     tried: list[tuple[Scored, Curvature]] = []
     lost: LostError | None = None
-    for done, whole in _beginnings(model, flight, first, beliefs, counts, progress):
+    for done, whole in _beginnings(search, first):
         curvature = done.curvature
         try:
             if not whole:
-                done = _over_all(model, flight, done.unknowns, beliefs, counts, progress, curvature)
+                done = _over_all(search, done.unknowns, curvature)
         except LostError as error:
             lost = error
             continue
@@ -151,28 +156,14 @@ def _from_stretches(
     return max(tried, key=lambda one: (one[0].ended, one[0].log_likelihood[-1]))
 
 
-def _over_all(
-    model: FlightModel,
-    flight: Flight,
-    first: Unknowns,
-    beliefs: Beliefs,
-    counts: Bool[np.ndarray, " sample"],
-    progress: Callable[[str], None],
-    stretch: Curvature,
-) -> Scored:
+def _over_all(search: _Search, first: Unknowns, stretch: Curvature) -> Scored:
     """Where the steps end on the whole flight, begun near."""
+    model, flight, beliefs, counts, progress = search
     begun = settling.rested(model, flight, first, beliefs, counts)
     return scoring.climbed(model, first.means, begun, beliefs, progress, stretch)
 
 
-def _beginnings(
-    model: FlightModel,
-    flight: Flight,
-    first: Unknowns,
-    beliefs: Beliefs,
-    counts: Bool[np.ndarray, " sample"],
-    progress: Callable[[str], None],
-) -> Iterator[tuple[Scored, bool]]:
+def _beginnings(search: _Search, first: Unknowns) -> Iterator[tuple[Scored, bool]]:
     """Where the steps ended on stretches of a flight, and whether each is all of the flight.
 
     On two of twenty flights (those of `tests/benchmarks/bench_filter_error.py`) the turns run into
@@ -180,6 +171,7 @@ def _beginnings(
     Another stretch has other gusts, and another way there. Where they lead nowhere on all, the one
     that came nearest is told.
     """
+    model, flight, beliefs, counts, progress = search
     astray: list[tuple[Scored, bool]] = []
     settled: list[Settled] = []
     any_near = False

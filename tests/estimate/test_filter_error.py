@@ -118,8 +118,8 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
         monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
         monkeypatch.setattr(settling, "settle", settle)
         monkeypatch.setattr(scoring, "climbed", climbed)
-        given = (made.MODEL, flight, FIRST, beliefs, every, lambda _: None)
-        done, whole = next(filter_error._beginnings(*given))
+        search = filter_error._Search(made.MODEL, flight, beliefs, every, lambda _: None)
+        done, whole = next(filter_error._beginnings(search, FIRST))
         assert not whole
         return done.moving
 
@@ -145,6 +145,7 @@ def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
     """By how much a derivative is still to move, and the log-likelihood, at each end."""
     one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
     overall: list[tuple[float, float]] = []
+    flight = made.made_flight()
 
     def scored(moving: float, likely: float) -> Scored:
         return Scored(
@@ -168,8 +169,9 @@ def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
 
         monkeypatch.setattr(filter_error, "_over_all", over_all)
         none = Beliefs(np.zeros(1), np.zeros((1, 1)), Prior(FIRST.log_noise, FIRST.log_noise))
-        given = (made.MODEL, made.made_flight(), FIRST, none, np.ones(1, dtype=bool))
-        done, _ = filter_error._from_stretches(*given, lambda _: None)
+        every = np.ones(1, dtype=bool)
+        search = filter_error._Search(made.MODEL, flight, none, every, lambda _: None)
+        done, _ = filter_error._from_stretches(search, FIRST)
         return done.moving, done.log_likelihood[-1]
 
     assert reached((4.0, 10.0), (0.1, 12.0)) == (4.0, 10.0)

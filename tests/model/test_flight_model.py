@@ -36,6 +36,18 @@ def derivative(model, terms):
     return rigid_body.derivative(model.aircraft, values, AT, INPUTS)
 
 
+def compiled():
+    """The derivative, and a list that grows with each compilation of it."""
+    calls = []
+
+    @jax.jit
+    def traced(model, terms):
+        calls.append(1)
+        return derivative(model, terms)
+
+    return traced, calls
+
+
 def terms_of(aircraft):
     return rigid_body.parameters(aircraft).aerodynamics
 
@@ -59,13 +71,7 @@ def test_it_moves_as_the_aircraft_does(aircraft):
 
 
 def test_other_numbers_are_not_compiled_again():
-    calls = []
-
-    @jax.jit
-    def traced(model, terms):
-        calls.append(1)
-        return derivative(model, terms)
-
+    traced, calls = compiled()
     first = traced(FlightModel(AIRCRAFT), terms_of(AIRCRAFT))
     second = traced(FlightModel(heavier(AIRCRAFT)), terms_of(AIRCRAFT))
     assert len(calls) == 1
@@ -93,13 +99,7 @@ def test_what_was_learned_beyond_the_terms_is_any_function_of_the_flow():
     slopes = jnp.array([0.1, 0.0, -0.7, 0.0, 0.3, 0.2])
     learned = replace(AIRCRAFT, beyond=jax.tree_util.Partial(bent, slopes))
     other = replace(AIRCRAFT, beyond=jax.tree_util.Partial(bent, 2.0 * slopes))
-    calls = []
-
-    @jax.jit
-    def traced(model, terms):
-        calls.append(1)
-        return derivative(model, terms)
-
+    traced, calls = compiled()
     plain = traced(FlightModel(AIRCRAFT), terms_of(AIRCRAFT))
     one = traced(FlightModel(learned), terms_of(AIRCRAFT))
     two = traced(FlightModel(other), terms_of(AIRCRAFT))
