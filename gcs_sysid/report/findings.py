@@ -150,8 +150,8 @@ def _lacking(summary: Mapping) -> Finding | None:
     if not terms:
         return None
     parts = [
-        f"{labels.derivative(one['coefficient'], one['regressor'])} ({100.0 * one['share']:.0f} % "
-        f"of its spread, Bayes factor e^{one['log_bayes_factor']:.0f})"
+        f"{one['regressor']} in {one['coefficient']} ({100.0 * one['share']:.0f} % of its spread, "
+        f"Bayes factor e^{one['log_bayes_factor']:.0f})"
         for one in terms
     ]
     return Finding(

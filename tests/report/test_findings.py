@@ -75,7 +75,7 @@ def test_what_the_model_lacks_comes_before_what_was_learned(summary: dict) -> No
     told = findings(summary)
     place = [one.topic for one in told].index("Lacks")
     assert told[place + 1].topic == "Learned"
-    assert "CZ_max(0, alpha - 0.12) (16 % of its spread, Bayes factor e^327)" in told[place].text
+    assert "max(0, alpha - 0.12) in CZ (16 % of its spread, Bayes factor e^327)" in told[place].text
     assert "--stepwise" in told[place].text
 
 
