@@ -20,6 +20,7 @@ from gcs_sysid.diagnose.ranking import rank, sigma_under
 from gcs_sysid.diagnose.unknowns import Columns
 from gcs_sysid.diagnose.unlisted import Missing, Term
 from gcs_sysid.diagnose.whitening import Blocks, Noise
+from gcs_sysid.estimate import lacking
 from gcs_sysid.reconstruct import rates
 
 GUSTY = 0.03
@@ -149,7 +150,7 @@ def missing_term(
         ]
         stacked = joint.stacked(extra, joint.names(extra), used)
         size = np.maximum(stacked.columns[:, place].std(axis=0), 1e-12)
-        sigma = unlisted.SIZE * stacked.measured[:, place].std() / size
+        sigma = lacking.SIZE * stacked.measured[:, place].std() / size
         white, _, _ = whitening.whitened(stacked, known.noise)
         terms = [Term(COEFFICIENTS[row], product) for product in products]
         found.append(unlisted.strongest(best, columns, left, white, sigma, terms))

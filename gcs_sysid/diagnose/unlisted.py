@@ -12,8 +12,6 @@ from jaxtyping import Float
 from gcs_sysid.diagnose.evidence import Posterior
 
 VARIABLES = ("alpha", "beta", "phat", "qhat", "rhat", "Tc")
-SIZE = 0.5
-"""One sigma of a missing term: this share of the coefficient's own variation."""
 PRIOR = 0.05
 """Probability that something unlisted is at work, shared by all terms looked for."""
 

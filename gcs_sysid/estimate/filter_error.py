@@ -134,7 +134,7 @@ class _Search(NamedTuple):
 def _from_stretches(search: _Search, first: Unknowns) -> tuple[Scored, Curvature]:
     """Where the steps ended on a flight, begun on a stretch of it, and that stretch's curvature.
 
-    Where they end astray on the whole flight another stretch is begun on. On one of seventy flights
+    Where they end astray on the whole flight another stretch is begun on. On one of a hundred
     (7063 of `tests/benchmarks/bench_filter_error.py`) they had seemed near on the second stretch
     and were 22 deviations from anywhere on the whole.
     """

@@ -165,9 +165,8 @@ def strongest(
         value, variance = np.zeros(len(keys)), np.ones(len(keys))
         value[seen] = score[seen] / information[seen]
         variance[seen] = scatter[seen] / information[seen] ** 2
-        width = (SIZE * spread / np.where(seen, moved, 1.0)) ** 2
-        share = width / (width + variance)
-        gain = 0.5 * value**2 / variance * share + 0.5 * np.log(1.0 - share)
+        sigma = SIZE * spread / np.where(seen, moved, 1.0)
+        gain = log_bayes_factor(value / variance, 1.0 / variance, sigma)
         best = int(np.argmax(np.where(seen, gain, -np.inf)))
         evidence = float(gain[best] - np.log(told.score.size))
         size = float(np.abs(value[best]) * moved[best] / spread)
@@ -175,6 +174,22 @@ def strongest(
             deviation = float(np.sqrt(variance[best]))
             found.append(Lacking(name, keys[best], evidence, float(value[best]), deviation, size))
     return sorted(found, key=lambda one: -one.evidence)
+
+
+def log_bayes_factor(
+    score: Float[np.ndarray, " term"],
+    information: Float[np.ndarray, " term"],
+    sigma: Float[np.ndarray, " term"],
+) -> Float[np.ndarray, " term"]:
+    """For each term of deviation σ against none, ½ σ²s²/(1 + σ²v) − ½ log(1 + σ²v) [nat].
+
+    Args:
+        score: s, of variance v where there is no term.
+        information: v.
+        sigma: σ.
+    """
+    share = 1.0 + information * sigma**2
+    return 0.5 * (sigma * score) ** 2 / share - 0.5 * np.log(share)
 
 
 def _placed(

@@ -15,8 +15,8 @@ from gcs_sysid.diagnose.aided.ranking import ACCURACIES
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.evidence import Information, posterior
 from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED, Ranked
-from gcs_sysid.diagnose.unlisted import SIZE
 from gcs_sysid.diagnose.verdict import NAMED
+from gcs_sysid.estimate.lacking import SIZE, log_bayes_factor
 
 
 @dataclass(frozen=True)
@@ -163,24 +163,20 @@ class _Added:
 def _added(data: Information, listed: Unknowns, sigma: Float[np.ndarray, " term"]) -> _Added:
     """Each term by itself on top of nothing being wrong.
 
-    With what remains of a term when everything already free has had its share, v = G_jj − G_jF Σ
-    G_Fj and s = b_j − G_jF θ, one more unknown of prior σ adds ½ σ²s²/(1 + σ²v) − ½ log(1 + σ²v).
+    By what remains of a term when everything already free has had its share: information
+    G_jj − G_jF Σ G_Fj and score b_j − G_jF θ.
     """
     base = posterior(data, *listed.freed(()))
     places = slice(listed.parameters - sigma.size, listed.parameters)
     cross = data.gram[:, places]
     told = np.diagonal(data.gram)[places] - np.sum(cross * (base.covariance @ cross), axis=0)
+    told = np.maximum(told, 0.0)
     rest = data.score[places] - cross.T @ base.mean
-
-    def gain(sigma: Float[np.ndarray, " term"]) -> Float[np.ndarray, " term"]:
-        share = 1.0 + np.maximum(told, 0.0) * sigma**2
-        return 0.5 * (sigma * rest) ** 2 / share - 0.5 * np.log(share)
-
-    share = 1.0 + np.maximum(told, 0.0) * sigma**2
+    share = 1.0 + told * sigma**2
     return _Added(
         base.log_evidence,
-        gain(sigma),
-        gain(NEGLIGIBLE / SIZE * sigma),
+        log_bayes_factor(rest, told, sigma),
+        log_bayes_factor(rest, told, NEGLIGIBLE / SIZE * sigma),
         sigma**2 * rest / share,
         sigma / np.sqrt(share),
     )

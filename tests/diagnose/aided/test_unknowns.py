@@ -15,9 +15,9 @@ from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.evidence import information, posterior
 from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED
-from gcs_sysid.diagnose.unlisted import SIZE
 from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
 from gcs_sysid.diagnose.verdict import NAMED
+from gcs_sysid.estimate.lacking import SIZE
 from tests.diagnose.aided.made_unknowns import (
     EVERY,
     ORDINARY,
