@@ -26,7 +26,7 @@ from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import LostError, Scored
 from gcs_sysid.estimate.settling import Beliefs, Settled
-from gcs_sysid.model.aided import State
+from gcs_sysid.model.aided import Means, State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.linear_filter import Belief
@@ -44,6 +44,7 @@ class Fit:
         deviation: one standard deviation of each.
         covariance: of what flights have in common, in the order of `keys`.
         keys: coefficient and regressor of each derivative, then those of the body, if it is sought.
+        timing: one deviation of each by the lag of the moments alone (`scoring.TIMING`).
         bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
             infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
@@ -59,6 +60,7 @@ class Fit:
     deviation: Unknowns
     covariance: Float[np.ndarray, "key key"]
     keys: tuple[tuple[str, str], ...]
+    timing: Float[np.ndarray, " key"]
     bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
@@ -110,6 +112,7 @@ def fit(
         deviation=deviation,
         covariance=covariance[np.ix_(common, common)],
         keys=in_common.keys(unknowns.means),
+        timing=_timing(unknowns.means, covariance)[common],
         bound=_bound(done, len(in_common.derivative_keys(unknowns.means.aerodynamics))),
         states=states,
         smoothed=smoothed,
@@ -213,6 +216,16 @@ def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"],
         ravel_pytree(like.log_noise)[1](jnp.asarray(logs)),
     )
     return covariance, deviation
+
+
+def _timing(
+    means: Means, covariance: Float[np.ndarray, "parameter parameter"]
+) -> Float[np.ndarray, " parameter"]:
+    """One deviation that `scoring.timed` gave each parameter; none where the lag is held."""
+    (lag,) = np.flatnonzero(scoring.marked(means, ("moment_lag",)))
+    if covariance[lag, lag] == 0.0:
+        return np.zeros(covariance.shape[0])
+    return scoring.TIMING * np.abs(covariance[:, lag]) / covariance[lag, lag]
 
 
 def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:

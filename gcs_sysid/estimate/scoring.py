@@ -54,8 +54,14 @@ ONLY_TOGETHER = ("airspeed_lag", "airspeed_delay")
 and a search may end."""
 SLACK = 0.5
 """A step may lose so much [nat]: instruments are those of a point nearby."""
-DAMPED = (0.0, 0.1, 1.0, 10.0)
-"""Shares of the information's diagonal that are added, one after the other, until a step gains."""
+DAMPED = ((0.0, 0.0), (0.0, 0.1), (0.0, 1.0), (0.0, 10.0), (1.0, 10.0), (10.0, 10.0))
+"""Shares of the information's diagonal that are added, one pair after the other, until a step
+gains: of the parameters of the mean, and of the intensities. These first: where their likelihood is
+no parabola (of two that do the same, one fades) the mean goes to where its scores balance beside
+intensities that stay."""
+NOTHING = 1.0
+"""Where the mean stays (`NEAR`) by a step with only the intensities damped, and the step gains less
+than this, the search ends: what steps promise of the intensities is not there [nat]."""
 LONGEST = 0.7
 """A logarithm of an intensity changes by no more in a step."""
 TIMING = 1e-3
@@ -242,14 +248,21 @@ def climbed(
             if ended:
                 break
             for damping in DAMPED:
-                there = moved(here, quasi_newton.bounded(_damped(matrix, damping), slope, longest))
-                if density(there) > density(here) - SLACK:
+                damped = _damped(matrix, np.repeat(damping, (found.size, noises.size)))
+                taken = quasi_newton.bounded(damped, slope, longest)
+                there = moved(here, taken)
+                gained = density(there) - density(here)
+                if gained > -SLACK:
                     break
             else:
                 break
             hoped, here = hoped + promised, there
             progress(f"log-likelihood {here.log_likelihood:.0f}, moved {farthest:.1f} deviations")
             history.append(here.log_likelihood)
+            near = bool(np.max(np.abs(taken / deviation)[: found.size][told]) < NEAR)
+            ended = damping[0] == 0.0 < damping[1] and gained < NOTHING and near
+            if ended:
+                break
         if not _promising(hoped, density(here) - density(begun), moving):
             break
     return Scored(
@@ -307,9 +320,9 @@ def inverse(matrix: Float[np.ndarray, "row row"]) -> Float[np.ndarray, "row row"
 
 
 def _damped(
-    matrix: Float[np.ndarray, "unknown unknown"], damping: float
+    matrix: Float[np.ndarray, "unknown unknown"], share: Float[np.ndarray, " unknown"]
 ) -> Float[np.ndarray, "unknown unknown"]:
-    return matrix + damping * np.diag(np.abs(np.diagonal(matrix)))
+    return matrix + np.diag(share * np.abs(np.diagonal(matrix)))
 
 
 def marked(like: Means, sensors: Sequence[str]) -> Bool[np.ndarray, " parameter"]:
