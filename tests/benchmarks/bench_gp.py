@@ -37,9 +37,10 @@ Row = tuple[object, ...]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--save", action="store_true", help="see tests/benchmarks/table.py")
-    parser.add_argument("--samples", type=int, default=MILLION)
+    parser.add_argument("--samples", type=int, default=MILLION, help="0: only the libraries")
     given = parser.parse_args()
-    costs(given.samples)
+    if given.samples:
+        costs(given.samples)
     libraries()
 
 
@@ -202,7 +203,8 @@ def libraries() -> None:
     table.show(
         "gp_libraries",
         f"One stream of {STREAM} samples, three outputs, stall in its second half; hyper-"
-        f"parameters from the first {FIRST}, ours refreshed once; 400 unseen after every chunk",
+        f"parameters from the first {FIRST}, ours refreshed once; 400 unseen after every chunk; "
+        f"{os.cpu_count()} cores",
         ("library", "first chunk", "last chunk", "error CL / CD / Cm [%]", "in 95 %", "NLPD"),
         rows,
     )
