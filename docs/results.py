@@ -38,7 +38,7 @@ class Line(NamedTuple):
         found: shown as they stand, between `apart`.
         unit: behind all of them.
         apart: what stands between them.
-        over: table whose first row tells over how many flights, and how many searches converged.
+        over: table whose first row tells over how many flights, and how many got a number.
     """
 
     what: str
@@ -261,8 +261,8 @@ def _flights(tables: dict[str, dict], over: str) -> str:
     """Of how many flights a line tells; nothing where it does not say."""
     if not over:
         return ""
-    flown, converged = (_cell(tables, Cell(over, "", name)) for name in ("flights", "converged"))
-    return f" ({flown} flights, {converged} converged)"
+    flown, told = (_cell(tables, Cell(over, "", name)) for name in ("flights", "with a number"))
+    return f" ({flown} flights, {told} with a number)"
 
 
 def _cell(tables: dict[str, dict], cell: Cell) -> str:

@@ -51,7 +51,7 @@ class Fit:
         smoothed: deviations from it, and their covariance.
         whitened: innovations over the root of their covariance.
         log_likelihood: of the rows that count, where the last steps began and after each.
-        converged: whether the search ended because nothing more was to be gained.
+        converged: whether the derivatives are told, to the deviations that are stated.
         moving: how far the last step wanted to move a derivative at most, in its deviations.
         stretch: curvature of the part of the flight on which the search began.
     """
@@ -118,7 +118,7 @@ def fit(
         smoothed=smoothed,
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
-        converged=done.ended,
+        converged=done.settled,
         moving=done.moving,
         stretch=stretch,
     )

@@ -37,6 +37,8 @@ LEAST_SHARE = 0.02
 to."""
 BENDS = (0.04, 0.08, 0.12, 0.16, 0.2, 0.24)
 """Angles of attack from which a coefficient may go another way [rad]."""
+PASSED = 0.02
+"""Share of the samples that is to lie on either side of an angle that flights pass."""
 SIZE = 0.5
 """One sigma of what a term that is there moves, as a share of its coefficient's spread."""
 
@@ -70,6 +72,8 @@ class Lacking:
         value: of the term, to first order, with the others as they are.
         deviation: one sigma of it.
         share: of the coefficient's spread that it moves.
+        terms: to take in: itself, and with one bend all that the flights pass. A break may lie
+            between two, and one alone, at a wrong angle, would pin the angle of attack as wrong.
     """
 
     coefficient: str
@@ -78,6 +82,7 @@ class Lacking:
     value: float
     deviation: float
     share: float
+    terms: tuple[str, ...]
 
 
 def candidates(aircraft: Aircraft) -> tuple[str, ...]:
@@ -85,8 +90,19 @@ def candidates(aircraft: Aircraft) -> tuple[str, ...]:
 
     Where it bends is asked at the same angles on every flight, for one compiled program.
     """
-    bends = (f"max(0, alpha - {knot:g})" for knot in BENDS)
-    return (*stepwise.candidates(aircraft), "alpha^3", *bends)
+    return (*stepwise.candidates(aircraft), "alpha^3", *(_bend(knot) for knot in BENDS))
+
+
+def _together(key: str, alpha: Float[np.ndarray, " sample"]) -> tuple[str, ...]:
+    """A term, and where it is a bend all the bends that flights pass, at angles `alpha` [rad]."""
+    if key not in {_bend(knot) for knot in BENDS}:
+        return (key,)
+    low, high = np.quantile(alpha, (PASSED, 1.0 - PASSED))
+    return tuple(dict.fromkeys((key, *(_bend(knot) for knot in BENDS if low < knot < high))))
+
+
+def _bend(knot: float) -> str:
+    return f"max(0, alpha - {knot:g})"
 
 
 def scores(
@@ -171,8 +187,9 @@ def strongest(
         evidence = float(gain[best] - np.log(told.score.size))
         size = float(np.abs(value[best]) * moved[best] / spread)
         if evidence >= ENTER and size >= LEAST_SHARE:
-            deviation = float(np.sqrt(variance[best]))
-            found.append(Lacking(name, keys[best], evidence, float(value[best]), deviation, size))
+            theta, deviation = float(value[best]), float(np.sqrt(variance[best]))
+            terms = _together(keys[best], flow["alpha"])
+            found.append(Lacking(name, keys[best], evidence, theta, deviation, size, terms))
     return sorted(found, key=lambda one: -one.evidence)
 
 

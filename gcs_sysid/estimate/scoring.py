@@ -26,13 +26,17 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import likelihood, quasi_newton, settling
 from gcs_sysid.estimate.flight_rows import Unknowns
-from gcs_sysid.estimate.likelihood import Curvature
+from gcs_sysid.estimate.likelihood import Curvature, Instruments
 from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.causal import Path
 
+BALANCED = 0.3
+"""A step of the mean alone that leaves less than this share of what its equations were out of
+balance is taken, whatever the likelihood says: of a model that lacks something it is largest
+elsewhere."""
 STEPS = 8
 """With one set of instruments."""
 NEAR = 0.25
@@ -40,8 +44,13 @@ NEAR = 0.25
 Intensities of what is hardly there go on: less of nothing is still nothing."""
 RENEWED = 100.0
 """Where steps promised more than this together, the instruments are made anew [nat]."""
+SLOW = 10.0
+"""And where steps did not end that gained more than this together."""
 SETS = 6
-"""Times that instruments are made."""
+"""Times that instruments are made, at most."""
+WITHIN = 1.0
+"""A search that stops with a derivative still to move by less than so many of its deviations has
+told it, to a deviation that is as much wider."""
 ASTRAY = 10.0
 """A search that is still to move a derivative by so many deviations is not near its end."""
 KEPT_PROMISE = 0.1
@@ -54,11 +63,12 @@ ONLY_TOGETHER = ("airspeed_lag", "airspeed_delay")
 and a search may end."""
 SLACK = 0.5
 """A step may lose so much [nat]: instruments are those of a point nearby."""
-DAMPED = ((0.0, 0.0), (0.0, 0.1), (0.0, 1.0), (0.0, 10.0), (1.0, 10.0), (10.0, 10.0))
+ALONE = (0.0, 10.0)
+DAMPED = ((0.0, 0.0), (0.0, 0.1), (0.0, 1.0), ALONE, (1.0, 10.0), (10.0, 10.0))
 """Shares of the information's diagonal that are added, one pair after the other, until a step
 gains: of the parameters of the mean, and of the intensities. These first: where their likelihood is
 no parabola (of two that do the same, one fades) the mean goes to where its scores balance beside
-intensities that stay."""
+intensities that stay, in the end `ALONE`."""
 NOTHING = 1.0
 """Where the mean stays (`NEAR`) by a step with only the intensities damped, and the step gains less
 than this, the search ends: what steps promise of the intensities is not there [nat]."""
@@ -100,6 +110,11 @@ class Scored:
     log_likelihood: tuple[float, ...]
     ended: bool
     moving: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the derivatives are told, to the deviations that are stated (`covariance`)."""
+        return self.ended or self.moving < WITHIN
 
     @property
     def near(self) -> bool:
@@ -205,6 +220,9 @@ def climbed(
         logs = np.asarray(ravel_pytree(point.log_noise)[0])
         return np.concatenate([(point.values - beliefs.mean)[found], (logs - centre)[noises]])
 
+    def slopes(asked: Instruments, point: Point) -> Unknown:
+        return likelihood.scores(asked, point.whitened).sum(axis=0) - precision @ off(point)
+
     def density(point: Point) -> float:
         return point.log_likelihood - 0.5 * float(off(point) @ precision @ off(point))
 
@@ -238,7 +256,7 @@ def climbed(
         matrix, hoped, ended, begun = curvature.slope + precision, 0.0, False, here
         deviation = np.sqrt(np.diagonal(inverse(curvature.information + precision)))
         for _ in range(STEPS):
-            slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
+            slope = slopes(asked, here)
             move = quasi_newton.bounded(matrix, slope, longest)
             promised = 0.5 * float(slope @ move)
             shares = np.abs(move / deviation)[: found.size]
@@ -254,6 +272,10 @@ def climbed(
                 gained = density(there) - density(here)
                 if gained > -SLACK:
                     break
+                own = slopes(asked, there)[: found.size]
+                left = _unbalanced(matrix, own)
+                if damping == ALONE and left < BALANCED * _unbalanced(matrix, slope[: found.size]):
+                    break
             else:
                 break
             hoped, here = hoped + promised, there
@@ -263,7 +285,7 @@ def climbed(
             ended = damping[0] == 0.0 < damping[1] and gained < NOTHING and near
             if ended:
                 break
-        if not _promising(hoped, density(here) - density(begun), moving):
+        if not _promising(hoped, density(here) - density(begun), moving, ended=ended):
             break
     return Scored(
         unknowns=Unknowns(ravel_pytree(like)[1](jnp.asarray(here.values)), here.log_noise),
@@ -278,16 +300,25 @@ def climbed(
     )
 
 
-def _promising(hoped: float, gained: float, moving: float) -> bool:
+def _unbalanced(
+    matrix: Float[np.ndarray, "unknown unknown"], slope: Float[np.ndarray, " mean"]
+) -> float:
+    """How far the equations of the mean are from balance, beside intensities that stay [nat]."""
+    return 0.5 * float(slope @ np.linalg.solve(matrix[: slope.size, : slope.size], slope))
+
+
+def _promising(hoped: float, gained: float, moving: float, *, ended: bool) -> bool:
     """Whether steps with instruments made anew would lead on.
 
     Args:
         hoped: what those with the last ones promised [nat].
         gained: what they gained.
         moving: as `Scored.moving`.
+        ended: whether they came to an end.
     """
     lost = moving >= ASTRAY and gained < KEPT_PROMISE * hoped
-    return hoped >= RENEWED and not lost
+    slow = not ended and gained >= SLOW
+    return (hoped >= RENEWED or slow) and not lost
 
 
 def timed(covariance: Float[np.ndarray, "row row"], lag: int) -> Float[np.ndarray, "row row"]:

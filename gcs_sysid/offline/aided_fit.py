@@ -47,22 +47,20 @@ from gcs_sysid.offline import aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
 
-STILL_GROWING, STILL_MOVING = 2.0, 3.0
-"""A search that has not ended has found nothing where its log-likelihood changed by more than this
-with its last step [nat], and a derivative was to move by more than this [its deviations]. Biases
-that are told to a hundredth of a thousandth may still be on their way; deviations hold the rest
-(`Scored.covariance`), as far as that is a line: three of them."""
 COARSE_MASS, COARSE_INERTIA = 0.03, 0.1
 """A file that is less sure than this of mass or inertia [one sigma, relative] may be wrong enough
 for what goes with them, thrust above all, to bend the airspeed's scale."""
 EXACT = 1e-4
 """Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
-OFF = "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off"
+OFF = (
+    "mass, inertia, signs of the controls or the thrust of the aircraft file may be far off: check "
+    "them, or fly longer maneuvers of every axis"
+)
 """Why a filter loses an aircraft, or a search does not end."""
 
 
 class UnsettledError(Exception):
-    """The search found no end; the message says what to do."""
+    """The filter lost the aircraft, or the search found no end; the message says what to do."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +74,8 @@ class AidedFlights:
         aircraft: with the mass, inertia and thrust that go with the final model.
         fits: of the final model, one a flight.
         lacking: terms that the final model does not have, and the flights ask for.
+        unsettled: on which flights a search did not end, and what to do: then nothing here but
+            `lacking` is a number. Empty where all did.
         notes: what the engineer should know.
     """
 
@@ -85,6 +85,7 @@ class AidedFlights:
     aircraft: Aircraft
     fits: tuple[Fit, ...]
     lacking: tuple[Lacking, ...]
+    unsettled: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -120,7 +121,7 @@ def identify(
             other tells the inertias' ratios, and thrust that acts off the centre their size.
 
     Raises:
-        UnsettledError: the search did not end, on which flight and what to do.
+        UnsettledError: the filter lost the aircraft, on which flight and what to do.
     """
     mean, sigma = inside_filter.beliefs(structure, prior, aircraft)
     start = mean if prior is not None else first_guess.derivatives(aircraft, structure)
@@ -167,17 +168,18 @@ def identify(
         aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
         lacking=_lacking(model, prepared, final_fits, before, seen, structure),
+        unsettled=tuple(
+            _unended(item.one, fit)
+            for fits in (final_fits, scored_fits)
+            for item, fit in zip(prepared, fits, strict=True)
+            if not fit.converged
+        ),
         notes=(
             *(() if body else _held(aircraft)),
             *(
                 _cut_short(item)
                 for item in prepared
                 if item.rows.rows.step.size > flight_rows.LONGEST
-            ),
-            *(
-                _unended(item, fit)
-                for item, fit in zip(prepared, final_fits, strict=True)
-                if not fit.converged
             ),
         ),
     )
@@ -343,26 +345,22 @@ def _fit(
     before = _beliefs(item, _with(item.first, found), found.covariance)
     try:
         stretch = None if earlier is None else earlier.stretch
-        fit = filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
+        return filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
     except LostError as error:
         raise UnsettledError(_lost(item.one)) from error
-    growing = abs(_grown(fit)) > STILL_GROWING
-    if not fit.converged and growing and fit.moving > STILL_MOVING:
-        raise UnsettledError(
-            f"{item.one.recording.source}: the likelihood of the model inside the filter still "
-            f"changed by {_grown(fit):.0f} a step, and a derivative by {fit.moving:.1f} "
-            f"deviations: {OFF}"
-        )
-    return fit
+
+
+def _unended(one: Flight, fit: Fit) -> str:
+    grown = fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
+    return (
+        f"{one.recording.source}: the search inside the filter did not end (the log-likelihood "
+        f"still changed by {grown:+.0f} a step, and a derivative was to move by {fit.moving:.1f} "
+        f"of its deviations): {OFF}"
+    )
 
 
 def _lost(one: Flight) -> str:
     return f"{one.recording.source}: the filter lost the aircraft: {OFF}"
-
-
-def _grown(fit: Fit) -> float:
-    """Change of the log-likelihood by the last step [nat]."""
-    return fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
 
 
 def _beliefs(item: _Prepared, centre: Unknowns, known: Float[np.ndarray, "key key"]) -> Beliefs:
@@ -410,15 +408,6 @@ def _smoothed(
         Delay(stated + float(late), item.one.delay.deviation, found=True),
         jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), states),
         np.asarray(done.covariance)[kept],
-    )
-
-
-def _unended(item: _Prepared, fit: Fit) -> str:
-    return (
-        f"{item.one.recording.source}: the search inside the filter stopped before it had settled "
-        f"(the log-likelihood still changed by {_grown(fit):+.0f} a step, and a derivative was to "
-        f"move by {fit.moving:.1f} of its deviations: all are stated as much wider); check mass, "
-        "inertia and the terms of the aircraft file"
     )
 
 

@@ -270,13 +270,29 @@ def _inside(
         if not found.lacking:
             break
         for one in found.lacking:
-            structure[one.coefficient] = (*structure[one.coefficient], one.key)
+            has = structure[one.coefficient]
+            structure[one.coefficient] = tuple(dict.fromkeys((*has, *one.terms)))
         try:
-            found = fitted(structure)
+            more = fitted(structure)
         except UnsettledError as error:
-            note = f"terms that the flight asks for were not taken in: {error}"
-            return replace(found, notes=(*found.notes, note))
-    return found
+            return replace(_settled(found), notes=(*found.notes, _left_out(str(error))))
+        if more.unsettled and not found.unsettled:
+            return replace(found, notes=(*found.notes, _left_out(more.unsettled[0])))
+        found = more
+    return _settled(found)
+
+
+def _left_out(reason: str) -> str:
+    return f"terms that the flight asks for were not taken in: {reason}"
+
+
+def _settled(found: AidedFlights) -> AidedFlights:
+    """The same, or an error where a search did not end: with what may have kept it from that."""
+    if not found.unsettled:
+        return found
+    asked_for = ", ".join(f"{one.key} in {one.coefficient}" for one in found.lacking)
+    remedy = f"; the flight asks for {asked_for}: --stepwise takes terms in" if asked_for else ""
+    raise UnsettledError(found.unsettled[0] + remedy)
 
 
 def _spared(flights: Sequence[Flight], fitted: AeroModel, method: Method) -> str | None:

@@ -239,6 +239,8 @@ def scored(
         body=known_of.body,
     )
     seconds = clock.perf_counter() - begun
+    if known_by.unsettled:
+        raise UnsettledError(known_by.unsettled[0])
     fit = known_by.fits[-1]
     found = found_by(known_by.fits, body=known_of.body)
     flow = [
@@ -260,7 +262,6 @@ def scored(
         "seed": seed,
         "seconds": seconds,
         "cores": len(os.sched_getaffinity(0)),
-        "converged": all(each.converged for each in known_by.fits),
         "flow": np.mean(flow, axis=0).tolist(),
         "coefficients": model_errors(aircraft, found, known(other)),
         "derivatives": derivatives,
@@ -345,7 +346,6 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
             "beta [°]",
             "95 % intervals that hold",
             "fewest",
-            "converged",
             f"s a flight, cores: {', '.join(map(str, cores))}",
         ),
         [
@@ -356,7 +356,6 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
                 f"{beta:.2f}",
                 f"{100.0 * np.mean(np.abs(pooled) < Z95):.0f} %",
                 f"{100.0 * fewest:.0f} % ({at})",
-                sum(result["converged"] for result in results),
                 f"{np.median([result['seconds'] for result in results]):.0f}",
             )
         ],

@@ -59,9 +59,9 @@ def fits(base: Basis) -> dict[str, Callable[[], object]]:
 
     return {
         f"exact fit, {EXACT * OUTPUTS} values, {STEPS} steps": exactly,
-        f"exact posterior of {EXACT * OUTPUTS} values": lambda: exact.condition(
-            base.kernel, points, values, noise
-        ).weights,
+        f"exact posterior of {EXACT * OUTPUTS} values": lambda: (
+            exact.condition(base.kernel, points, values, noise).weights
+        ),
         f"fit by {POINTS} inducing points, {MANY * OUTPUTS} values, {STEPS} steps": by_inducing,
         f"{MANY * OUTPUTS} values into {POINTS} inducing points": lambda: (
             inducing.posterior(base, inducing.told(base, many)).weights
@@ -99,9 +99,7 @@ def main() -> None:
         for name, (first, again, answer) in every.items():
             right = found[processor][name][2]
             off = float(np.max(np.abs(answer - right)) / np.max(np.abs(right)))
-            rows.append(
-                (name, where.device_kind, f"{first:.2f} s", f"{again:.3f} s", f"{off:.0e}")
-            )
+            rows.append((name, where.device_kind, f"{first:.2f} s", f"{again:.3f} s", f"{off:.0e}"))
     table.show(
         f"gp_batch_{device.platform}",
         f"Batch fit of {OUTPUTS} dependent outputs of {INPUTS} inputs in double precision",

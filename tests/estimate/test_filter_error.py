@@ -184,18 +184,23 @@ def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
 
 
 @pytest.mark.parametrize(
-    ("hoped", "gained", "moving", "wanted"),
+    ("hoped", "gained", "moving", "ended", "wanted"),
     [
-        (150.0, 140.0, 0.1, True),
-        (90.0, 85.0, 0.1, False),
+        (150.0, 140.0, 0.1, True, True),
+        (90.0, 85.0, 0.1, True, False),
+        # Steps that were cut short and still gain.
+        (90.0, 20.0, 0.9, False, True),
+        (90.0, 0.1, 0.9, False, False),
         # Near the end the equations balance elsewhere than the likelihood does.
-        (150.0, -3.0, 0.8, True),
-        (900.0, 700.0, 25.0, True),
-        (2500.0, 70.0, 25.0, False),
+        (150.0, -3.0, 0.8, False, True),
+        (900.0, 700.0, 25.0, False, True),
+        (2500.0, 70.0, 25.0, False, False),
     ],
 )
-def test_instruments_are_made_anew_where_that_leads_on(hoped, gained, moving, wanted) -> None:
-    assert scoring._promising(hoped, gained, moving) is wanted
+def test_instruments_are_made_anew_where_that_leads_on(
+    hoped, gained, moving, ended, wanted
+) -> None:
+    assert scoring._promising(hoped, gained, moving, ended=ended) is wanted
 
 
 def test_what_no_row_tells_is_infinite() -> None:

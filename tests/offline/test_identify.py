@@ -392,13 +392,14 @@ def test_least_squares_that_blames_the_flow_is_left_for_the_filter() -> None:
 def test_terms_that_the_filter_asks_for_are_taken_in_until_it_asks_for_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bend = Lacking("CZ", "max(0, alpha - 0.12)", 300.0, 3.0, 0.1, 0.2)
-    drag = Lacking("CX", "alpha^3", 20.0, 7.0, 1.0, 0.05)
+    bends = ("max(0, alpha - 0.12)", "max(0, alpha - 0.08)")
+    bend = Lacking("CZ", bends[0], 300.0, 3.0, 0.1, 0.2, bends)
+    drag = Lacking("CX", "alpha^3", 20.0, 7.0, 1.0, 0.05, ("alpha^3",))
     asked_for, fitted = [(bend, drag), ()], []
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> Mock:
         fitted.append({name: tuple(keys) for name, keys in structure.items()})
-        return Mock(spec=AidedFlights, lacking=asked_for[len(fitted) - 1])
+        return Mock(spec=AidedFlights, lacking=asked_for[len(fitted) - 1], unsettled=())
 
     monkeypatch.setattr(aided_fit, "identify", fit)
     usual = {"CX": ("1",), "CZ": ("1", "alpha")}
@@ -412,27 +413,54 @@ def test_terms_that_the_filter_asks_for_are_taken_in_until_it_asks_for_none(
     assert structures(by_data=False) == [usual]
     assert structures(by_data=True) == [
         usual,
-        {"CX": ("1", "alpha^3"), "CZ": ("1", "alpha", "max(0, alpha - 0.12)")},
+        {"CX": ("1", "alpha^3"), "CZ": ("1", "alpha", *bends)},
     ]
 
 
+@pytest.mark.parametrize("lost", [False, True])
 def test_a_fit_that_does_not_end_with_what_was_asked_for_leaves_the_one_before(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, *, lost: bool
 ) -> None:
-    term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
-    first = AidedFlights([], made_models.model(), made_models.model(), small(), (), (term,), ())
+    term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2, ("alpha^3",))
+    model = made_models.model()
+    first = AidedFlights([], model, model, small(), (), (term,), (), ())
+    unended = replace(first, unsettled=("flight.tlog: no end",), lacking=())
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
-        if "alpha^3" in structure["CZ"]:
+        if "alpha^3" not in structure["CZ"]:
+            return first
+        if lost:
             raise UnsettledError("flight.tlog: no end")
-        return first
+        return unended
 
     monkeypatch.setattr(aided_fit, "identify", fit)
     asked = identify._Asked(None, (), (), "filter-error", "file", by_data=True)
+    note = "terms that the flight asks for were not taken in: flight.tlog: no end"
     found = identify._inside([], small(), {"CZ": ("1", "alpha")}, asked, lambda *_: None)
-    assert found.scored is first.scored
+    assert found.scored is model
     assert found.lacking == (term,)
-    assert found.notes == ("terms that the flight asks for were not taken in: flight.tlog: no end",)
+    assert found.notes == (note,)
+
+
+def test_a_search_that_did_not_end_is_no_number_but_says_what_it_asks_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And where terms are chosen by the data, those that it asks for may end it."""
+    term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2, ("alpha^3",))
+    model = made_models.model()
+    ended = AidedFlights([], model, model, small(), (), (), (), ())
+    unended = replace(ended, lacking=(term,), unsettled=("flight.tlog: no end",))
+
+    def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
+        return ended if "alpha^3" in structure["CZ"] else unended
+
+    monkeypatch.setattr(aided_fit, "identify", fit)
+    usual = {"CZ": ("1", "alpha")}
+    asked = identify._Asked(None, (), (), "filter-error", "file", by_data=False)
+    with pytest.raises(UnsettledError, match=r"no end; the flight asks for alpha\^3 in CZ: --step"):
+        identify._inside([], small(), usual, asked, lambda *_: None)
+    found = identify._inside([], small(), usual, asked._replace(by_data=True), lambda *_: None)
+    assert found is ended
 
 
 def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
