@@ -92,6 +92,19 @@ LINES = (
         (Cell(f"{_OWN}_intervals", "", "fewest"),),
     ),
     Line(
+        "one stated deviation over the bound, the derivative where it is largest / without the "
+        "millisecond to which the moments' lag is believed",
+        "1.5",
+        tuple(Cell(f"{_OWN}_derivatives", "largest", column) for column in ("sd", "without lag")),
+    ),
+    Line(
+        "forces / moments, two such flights fitted at once",
+        "–",
+        _errors(f"{_OWN}_2_together_models"),
+        " %",
+        over=f"{_OWN}_2_together_intervals",
+    ),
+    Line(
         "forces / moments, first values 30 % wrong",
         "5 / 6 %",
         _errors("filter_error_wrong_models"),

@@ -37,8 +37,6 @@ LEAST_SHARE = 0.02
 to."""
 BENDS = (0.04, 0.08, 0.12, 0.16, 0.2, 0.24)
 """Angles of attack from which a coefficient may go another way [rad]."""
-PASSED = 0.02
-"""Share of the samples that is to lie on either side of an angle that flights pass."""
 SIZE = 0.5
 """One sigma of what a term that is there moves, as a share of its coefficient's spread."""
 
@@ -72,7 +70,7 @@ class Lacking:
         value: of the term, to first order, with the others as they are.
         deviation: one sigma of it.
         share: of the coefficient's spread that it moves.
-        terms: to take in: itself, and with one bend all that the flights pass. A break may lie
+        terms: to take in: itself, and with a bend those on both sides of it. A break may lie
             between two, and one alone, at a wrong angle, would pin the angle of attack as wrong.
     """
 
@@ -93,12 +91,13 @@ def candidates(aircraft: Aircraft) -> tuple[str, ...]:
     return (*stepwise.candidates(aircraft), "alpha^3", *(_bend(knot) for knot in BENDS))
 
 
-def _together(key: str, alpha: Float[np.ndarray, " sample"]) -> tuple[str, ...]:
-    """A term, and where it is a bend all the bends that flights pass, at angles `alpha` [rad]."""
-    if key not in {_bend(knot) for knot in BENDS}:
+def _together(key: str) -> tuple[str, ...]:
+    """A term, and with a bend those at the angles beside it."""
+    bends = tuple(_bend(knot) for knot in BENDS)
+    if key not in bends:
         return (key,)
-    low, high = np.quantile(alpha, (PASSED, 1.0 - PASSED))
-    return tuple(dict.fromkeys((key, *(_bend(knot) for knot in BENDS if low < knot < high))))
+    place = bends.index(key)
+    return bends[max(place - 1, 0) : place + 2]
 
 
 def _bend(knot: float) -> str:
@@ -188,7 +187,7 @@ def strongest(
         size = float(np.abs(value[best]) * moved[best] / spread)
         if evidence >= ENTER and size >= LEAST_SHARE:
             theta, deviation = float(value[best]), float(np.sqrt(variance[best]))
-            terms = _together(keys[best], flow["alpha"])
+            terms = _together(keys[best])
             found.append(Lacking(name, keys[best], evidence, theta, deviation, size, terms))
     return sorted(found, key=lambda one: -one.evidence)
 

@@ -324,14 +324,16 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
 
     timed = [result for result in results if "timing" in result]
 
-    def wider(key: str, of: Sequence[dict[str, Any]], *, without_lag: bool) -> float:
-        shares = []
+    def wider(of: Sequence[dict[str, Any]], *, without_lag: bool) -> dict[str, float]:
+        """Stated deviation over the bound of each derivative, median of flights."""
+        shares: dict[str, list[float]] = {key: [np.nan] for key in off}
         for result in of:
-            _, size, _, least = result["derivatives"][key]
-            late = result["timing"][key] if without_lag else 0.0
-            shares.append(np.sqrt(size**2 - late**2) / least)
-        return float(np.median(shares)) if shares else np.nan
+            for key, (_, size, _, least) in result["derivatives"].items():
+                late = result["timing"][key] if without_lag else 0.0
+                shares[key].append(np.sqrt(size**2 - late**2) / least)
+        return {key: float(np.nanmedian(each)) for key, each in shares.items()}
 
+    over = wider(results, without_lag=False), wider(timed, without_lag=True)
     pooled = np.concatenate(list(off.values()))
     alpha, beta = np.mean([result["flow"] for result in results], axis=0)
     fewest, at = min((float(np.mean(np.abs(z) < Z95)), key) for key, z in off.items())
@@ -381,15 +383,17 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
         f"and that without a millisecond of the moments' lag, {len(timed)} flights",
         ("derivative", "mean", "spread", "hold", "sd", "without lag"),
         [
-            (
-                key,
-                f"{z.mean():+.2f}",
-                f"{z.std():.2f}",
-                f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %",
-                _known(wider(key, results, without_lag=False), 2),
-                _known(wider(key, timed, without_lag=True), 2),
-            )
-            for key, z in off.items()
+            *(
+                (
+                    key,
+                    f"{z.mean():+.2f}",
+                    f"{z.std():.2f}",
+                    f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %",
+                    *(_known(part[key], 2) for part in over),
+                )
+                for key, z in off.items()
+            ),
+            ("largest", "", "", "", *(_known(max(part.values()), 2) for part in over)),
         ],
     )
     asked = [result["lacking"] for result in results if "lacking" in result]

@@ -102,12 +102,12 @@ def test_evidence_is_the_bayes_factor_among_all_that_were_tried() -> None:
     assert lacking.strongest(told, made.AIRCRAFT, structure, keys, flow, measured) == []
 
 
-def test_with_one_bend_come_all_that_flights_pass() -> None:
-    alpha = np.linspace(0.05, 0.155, 1000)
-    assert lacking._together("alpha^3", alpha) == ("alpha^3",)
-    passed = tuple(f"max(0, alpha - {knot})" for knot in (0.08, 0.12, 0.16))
-    assert sorted(lacking._together(passed[1], alpha)) == sorted(passed[:2])
-    assert sorted(lacking._together(passed[2], alpha)) == sorted(passed)
+def test_with_a_bend_come_those_beside_it() -> None:
+    assert lacking._together("alpha^3") == ("alpha^3",)
+    bends = tuple(f"max(0, alpha - {knot})" for knot in lacking.BENDS)
+    assert lacking._together(bends[2]) == bends[1:4]
+    assert lacking._together(bends[0]) == bends[:2]
+    assert lacking._together(bends[-1]) == bends[-2:]
 
 
 def test_two_flights_add_up() -> None:
