@@ -203,8 +203,8 @@ def libraries() -> None:
     table.show(
         "gp_libraries",
         f"One stream of {STREAM} samples, three outputs, stall in its second half; hyper-"
-        f"parameters from the first {FIRST}, ours anew at 400 and 800; 400 unseen after every chunk; "
-        f"{os.cpu_count()} cores",
+        f"parameters from the first {FIRST}, ours anew at 400 and 800; 400 unseen after every "
+        f"chunk; {os.cpu_count()} cores",
         ("library", "first chunk", "last chunk", "error CL / CD / Cm [%]", "in 95 %", "NLPD"),
         rows,
     )
