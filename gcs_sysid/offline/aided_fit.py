@@ -60,7 +60,16 @@ OFF = (
 
 
 class UnsettledError(Exception):
-    """The filter lost the aircraft, or the search found no end; the message says what to do."""
+    """The filter lost the aircraft, or the search found no end; the message says what to do.
+
+    Args:
+        message: on which flight, what and why.
+        lacking: terms that the flights ask for where the search stopped; one of them may be why.
+    """
+
+    def __init__(self, message: str, lacking: Sequence[Lacking] = ()) -> None:
+        super().__init__(message)
+        self.lacking = tuple(lacking)
 
 
 @dataclass(frozen=True)

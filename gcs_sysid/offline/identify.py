@@ -235,6 +235,7 @@ def _fitted(
         structure = stepwise.choose(samples, aircraft, usual, [one.pieces() for one in flights])
     scored = _fit(flights, aircraft, structure, asked.kept, asked.prior)
     reason = _spared(flights, scored, asked.method) or _unfit(flights)
+    asked_for: Sequence[Lacking] = ()
     if reason is None:
         try:
             inside = _inside(flights, aircraft, usual, asked, share)
@@ -243,10 +244,10 @@ def _fitted(
                 *(inside.fits, None, inside.lacking, inside.notes),
             )
         except UnsettledError as error:
-            reason = str(error)
+            reason, asked_for = str(error), error.lacking
     share("fitting the model", 1.0)
     final = _fit(flights, aircraft, structure, None, asked.prior)
-    return _Found(flights, scored, final, aircraft, (), reason, (), ())
+    return _Found(flights, scored, final, aircraft, (), reason, asked_for, ())
 
 
 def _inside(
@@ -288,11 +289,9 @@ def _left_out(reason: str) -> str:
 
 def _settled(found: AidedFlights) -> AidedFlights:
     """The same, or an error where a search did not end: with what may have kept it from that."""
-    if not found.unsettled:
-        return found
-    asked_for = ", ".join(f"{one.key} in {one.coefficient}" for one in found.lacking)
-    remedy = f"; the flight asks for {asked_for}: --stepwise takes terms in" if asked_for else ""
-    raise UnsettledError(found.unsettled[0] + remedy)
+    if found.unsettled:
+        raise UnsettledError(found.unsettled[0], found.lacking)
+    return found
 
 
 def _spared(flights: Sequence[Flight], fitted: AeroModel, method: Method) -> str | None:
