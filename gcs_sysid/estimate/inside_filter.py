@@ -26,10 +26,6 @@ from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 CONSTANT_SIZE = 1.0
 OTHER_SIZE = 10.0
 """What stands in for the plausible size of a constant, and of a term without a common size."""
-BEND = 0.15
-"""One bend of a curve is believed to be so large a share of the plausible slope. Bends beside each
-other make a Gaussian process of the curve: white noise, twice integrated (Wahba, J. R. Stat. Soc. B
-40, 1978, p. 364). It is smooth unless the flight says otherwise."""
 UNSEEN = 1e-6
 """Directions that hold less information than this, in plausible sizes, are not seen."""
 Terms = Mapping[str, Mapping[str, float]]
@@ -69,17 +65,12 @@ def beliefs(
         stated = Prior({}, {}) if prior is None else prior.get(name, Prior({}, {}))
         wide = plausible.sizes(name, keys, aircraft.control_names)
         usual = [CONSTANT_SIZE if key == regressors.CONSTANT else OTHER_SIZE for key in keys]
-        bends = [_bends(key, aircraft.control_names) for key in keys]
-        sizes = np.where(np.isfinite(wide), wide, usual) * np.where(bends, BEND, 1.0)
+        sizes = np.where(np.isfinite(wide), wide, usual)
         mean[name] = {key: stated.value.get(key, 0.0) for key in keys}
         sigma[name] = {
             key: stated.sigma.get(key, float(size)) for key, size in zip(keys, sizes, strict=True)
         }
     return mean, sigma
-
-
-def _bends(key: str, controls: Sequence[str]) -> bool:
-    return any(factor.side for factor in regressors.parse(key, controls=controls).factors)
 
 
 def model(

@@ -70,8 +70,6 @@ class Lacking:
         value: of the term, to first order, with the others as they are.
         deviation: one sigma of it.
         share: of the coefficient's spread that it moves.
-        terms: to take in: itself, and with a bend those on both sides of it. A break may lie
-            between two, and one alone, at a wrong angle, would pin the angle of attack as wrong.
     """
 
     coefficient: str
@@ -80,7 +78,6 @@ class Lacking:
     value: float
     deviation: float
     share: float
-    terms: tuple[str, ...]
 
 
 def candidates(aircraft: Aircraft) -> tuple[str, ...]:
@@ -88,20 +85,8 @@ def candidates(aircraft: Aircraft) -> tuple[str, ...]:
 
     Where it bends is asked at the same angles on every flight, for one compiled program.
     """
-    return (*stepwise.candidates(aircraft), "alpha^3", *(_bend(knot) for knot in BENDS))
-
-
-def _together(key: str) -> tuple[str, ...]:
-    """A term, and with a bend those at the angles beside it."""
-    bends = tuple(_bend(knot) for knot in BENDS)
-    if key not in bends:
-        return (key,)
-    place = bends.index(key)
-    return bends[max(place - 1, 0) : place + 2]
-
-
-def _bend(knot: float) -> str:
-    return f"max(0, alpha - {knot:g})"
+    bends = (f"max(0, alpha - {knot:g})" for knot in BENDS)
+    return (*stepwise.candidates(aircraft), "alpha^3", *bends)
 
 
 def scores(
@@ -186,9 +171,8 @@ def strongest(
         evidence = float(gain[best] - np.log(told.score.size))
         size = float(np.abs(value[best]) * moved[best] / spread)
         if evidence >= ENTER and size >= LEAST_SHARE:
-            theta, deviation = float(value[best]), float(np.sqrt(variance[best]))
-            terms = _together(keys[best])
-            found.append(Lacking(name, keys[best], evidence, theta, deviation, size, terms))
+            deviation = float(np.sqrt(variance[best]))
+            found.append(Lacking(name, keys[best], evidence, float(value[best]), deviation, size))
     return sorted(found, key=lambda one: -one.evidence)
 
 

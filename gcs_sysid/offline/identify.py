@@ -271,8 +271,7 @@ def _inside(
         if not found.lacking:
             break
         for one in found.lacking:
-            has = structure[one.coefficient]
-            structure[one.coefficient] = tuple(dict.fromkeys((*has, *one.terms)))
+            structure[one.coefficient] = (*structure[one.coefficient], one.key)
         try:
             more = fitted(structure)
         except UnsettledError as error:

@@ -102,14 +102,6 @@ def test_evidence_is_the_bayes_factor_among_all_that_were_tried() -> None:
     assert lacking.strongest(told, made.AIRCRAFT, structure, keys, flow, measured) == []
 
 
-def test_with_a_bend_come_those_beside_it() -> None:
-    assert lacking._together("alpha^3") == ("alpha^3",)
-    bends = tuple(f"max(0, alpha - {knot})" for knot in lacking.BENDS)
-    assert lacking._together(bends[2]) == bends[1:4]
-    assert lacking._together(bends[0]) == bends[:2]
-    assert lacking._together(bends[-1]) == bends[-2:]
-
-
 def test_two_flights_add_up() -> None:
     one = Scores(np.array([1.0]), np.array([2.0]), np.array([3.0]))
     assert one.plus(one) == Scores(*(2.0 * part for part in one))
