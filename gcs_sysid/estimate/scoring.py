@@ -26,17 +26,13 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid.estimate import likelihood, quasi_newton, settling
 from gcs_sysid.estimate.flight_rows import Unknowns
-from gcs_sysid.estimate.likelihood import Curvature, Instruments
+from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.settling import Beliefs, Settled, overdispersion
 from gcs_sysid.model.aided import Means, Noise
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.causal import Path
 
-BALANCED = 0.3
-"""A step of the mean alone that leaves less than this share of what its equations were out of
-balance is taken, whatever the likelihood says: of a model that lacks something it is largest
-elsewhere."""
 STEPS = 8
 """With one set of instruments."""
 NEAR = 0.25
@@ -63,12 +59,11 @@ ONLY_TOGETHER = ("airspeed_lag", "airspeed_delay")
 and a search may end."""
 SLACK = 0.5
 """A step may lose so much [nat]: instruments are those of a point nearby."""
-ALONE = (0.0, 10.0)
-DAMPED = ((0.0, 0.0), (0.0, 0.1), (0.0, 1.0), ALONE, (1.0, 10.0), (10.0, 10.0))
+DAMPED = ((0.0, 0.0), (0.0, 0.1), (0.0, 1.0), (0.0, 10.0), (1.0, 10.0), (10.0, 10.0))
 """Shares of the information's diagonal that are added, one pair after the other, until a step
 gains: of the parameters of the mean, and of the intensities. These first: where their likelihood is
 no parabola (of two that do the same, one fades) the mean goes to where its scores balance beside
-intensities that stay, in the end `ALONE`."""
+intensities that stay."""
 NOTHING = 1.0
 """Where the mean stays (`NEAR`) by a step with only the intensities damped, and the step gains less
 than this, the search ends: what steps promise of the intensities is not there [nat]."""
@@ -220,9 +215,6 @@ def climbed(
         logs = np.asarray(ravel_pytree(point.log_noise)[0])
         return np.concatenate([(point.values - beliefs.mean)[found], (logs - centre)[noises]])
 
-    def slopes(asked: Instruments, point: Point) -> Unknown:
-        return likelihood.scores(asked, point.whitened).sum(axis=0) - precision @ off(point)
-
     def density(point: Point) -> float:
         return point.log_likelihood - 0.5 * float(off(point) @ precision @ off(point))
 
@@ -256,7 +248,7 @@ def climbed(
         matrix, hoped, ended, begun = curvature.slope + precision, 0.0, False, here
         deviation = np.sqrt(np.diagonal(inverse(curvature.information + precision)))
         for _ in range(STEPS):
-            slope = slopes(asked, here)
+            slope = likelihood.scores(asked, here.whitened).sum(axis=0) - precision @ off(here)
             move = quasi_newton.bounded(matrix, slope, longest)
             promised = 0.5 * float(slope @ move)
             shares = np.abs(move / deviation)[: found.size]
@@ -271,10 +263,6 @@ def climbed(
                 there = moved(here, taken)
                 gained = density(there) - density(here)
                 if gained > -SLACK:
-                    break
-                own = slopes(asked, there)[: found.size]
-                left = _unbalanced(matrix, own)
-                if damping == ALONE and left < BALANCED * _unbalanced(matrix, slope[: found.size]):
                     break
             else:
                 break
@@ -298,13 +286,6 @@ def climbed(
         ended=ended,
         moving=moving,
     )
-
-
-def _unbalanced(
-    matrix: Float[np.ndarray, "unknown unknown"], slope: Float[np.ndarray, " mean"]
-) -> float:
-    """How far the equations of the mean are from balance, beside intensities that stay [nat]."""
-    return 0.5 * float(slope @ np.linalg.solve(matrix[: slope.size, : slope.size], slope))
 
 
 def _promising(hoped: float, gained: float, moving: float, *, ended: bool) -> bool:
