@@ -205,8 +205,8 @@ def libraries() -> None:
     table.show(
         "gp_libraries",
         f"{len(STREAMS)} streams of {STREAM} samples, three outputs, stall in the second half; "
-        f"hyper-parameters from the first {FIRST}, ours anew at 400 and 800; 400 unseen after every "
-        f"chunk; {os.cpu_count()} cores",
+        f"hyper-parameters from the first {FIRST}, ours anew at 400 and 800; 400 unseen after "
+        f"every chunk; {os.cpu_count()} cores",
         ("library", "first chunk", "last chunk", "error CL / CD / Cm [%]", "in 95 %", "NLPD"),
         rows,
     )
