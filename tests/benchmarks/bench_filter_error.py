@@ -285,8 +285,10 @@ def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
     }
 
 
-def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
+def shown(name: str, title: str, every: Sequence[dict[str, Any]], *, at_once: int = 1) -> None:
     """Prints errors beside bounds, flow angles, and how many intervals hold.
+
+    Each result is of so many flights `at_once`.
 
     What a mean is off is told apart, rms over the flights: a constant of the angle of attack and a
     constant vertical wind are one freedom.
@@ -348,12 +350,12 @@ def shown(name: str, title: str, every: Sequence[dict[str, Any]]) -> None:
             "beta [°]",
             "95 % intervals that hold",
             "fewest",
-            f"s a flight, cores: {', '.join(map(str, cores))}",
+            f"s a fit, cores: {', '.join(map(str, cores))}",
         ),
         [
             (
-                len(every),
-                len(results),
+                at_once * len(every),
+                at_once * len(results),
                 f"{alpha:.2f}",
                 f"{beta:.2f}",
                 f"{100.0 * np.mean(np.abs(pooled) < Z95):.0f} %",
