@@ -504,7 +504,7 @@ def main() -> None:
     words = f"{asked.flights} own flights" + (" with vanes" if asked.vanes else "")
     if several:
         words += f", {asked.together} fitted at once"
-    shown(name, f"{words}, {WORDS[asked.told]}", results)
+    shown(name, f"{words}, {WORDS[asked.told]}", results, at_once=asked.together)
 
 
 if __name__ == "__main__":
