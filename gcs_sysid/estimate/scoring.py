@@ -269,8 +269,7 @@ def climbed(
             hoped, here = hoped + promised, there
             progress(f"log-likelihood {here.log_likelihood:.0f}, moved {farthest:.1f} deviations")
             history.append(here.log_likelihood)
-            near = bool(np.max(np.abs(taken / deviation)[: found.size][told]) < NEAR)
-            ended = damping[0] == 0.0 < damping[1] and gained < NOTHING and near
+            ended = _last(damping, gained, np.abs(taken / deviation)[: found.size][told])
             if ended:
                 break
         if not _promising(hoped, density(here) - density(begun), moving, ended=ended):
@@ -286,6 +285,18 @@ def climbed(
         ended=ended,
         moving=moving,
     )
+
+
+def _last(damping: tuple[float, float], gained: float, moved: Float[np.ndarray, " mean"]) -> bool:
+    """Whether a step that was taken ends the search; see `NOTHING`.
+
+    Args:
+        damping: of the mean and of the intensities.
+        gained: by the step [nat].
+        moved: parameters of the mean, in their deviations.
+    """
+    mean, intensities = damping
+    return mean == 0.0 < intensities and gained < NOTHING and bool(np.max(moved) < NEAR)
 
 
 def _promising(hoped: float, gained: float, moving: float, *, ended: bool) -> bool:

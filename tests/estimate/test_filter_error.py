@@ -203,6 +203,36 @@ def test_instruments_are_made_anew_where_that_leads_on(
     assert scoring._promising(hoped, gained, moving, ended=ended) is wanted
 
 
+@pytest.mark.parametrize(
+    ("damping", "gained", "farthest", "wanted"),
+    [
+        ((0.0, 10.0), 0.4, 0.1, True),
+        ((0.0, 0.1), -0.4, 0.1, True),
+        # Where the mean was held back it may have more to go.
+        ((1.0, 10.0), 0.4, 0.1, False),
+        ((0.0, 10.0), 3.0, 0.1, False),
+        ((0.0, 10.0), 0.4, 0.3, False),
+        # An undamped step is judged by the next one.
+        ((0.0, 0.0), 0.4, 0.1, False),
+    ],
+)
+def test_a_search_ends_where_intensities_promise_what_is_not_there(
+    damping, gained, farthest, wanted
+) -> None:
+    assert scoring._last(damping, gained, np.array([0.01, farthest])) is wanted
+
+
+@pytest.mark.parametrize(
+    ("ended", "moving", "wanted"), [(True, 0.1, True), (False, 0.7, True), (False, 1.1, False)]
+)
+def test_a_search_that_stopped_tells_what_it_nearly_reached(ended, moving, wanted) -> None:
+    one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
+    done = Scored(
+        *(FIRST, free, Curvature(one, one, one), one, one, one, (0.0,)), ended=ended, moving=moving
+    )
+    assert done.settled is wanted
+
+
 def test_what_no_row_tells_is_infinite() -> None:
     """The bound of two derivatives, one without information; what was believed of them is left."""
     known = made.unknowns(1.0)
