@@ -1,8 +1,8 @@
 """What filter error costs: one flight of four minutes at 50 Hz, all its parameters free.
 
 Fitted twice in a process that keeps no compiled code from before, then once more in another that
-finds the first one's. One pass over the whole, half and a quarter of it shows how cost grows. What the first fit takes longer than the second is compiling, and with kept
-code reading it.
+finds the first one's. What the first fit takes longer than the second is compiling, and with kept
+code reading it. One pass over the whole, half and a quarter of it shows how cost grows.
 """
 
 from __future__ import annotations
