@@ -146,6 +146,7 @@ def _off(aircraft: Aircraft, derivatives: dict[str, Any]) -> list[float]:
     return off
 
 
+LEAST_SQUARES = ": no end inside the filter, least squares"
 FITTED = {"usual": "usual terms", "asked": "with terms asked for"}
 
 
@@ -153,7 +154,7 @@ def shown(results: Sequence[dict[str, Any]]) -> None:
     """Prints both fits of every flight, and their mean."""
     rows = [
         (
-            words,
+            words + LEAST_SQUARES * (result[label]["method"]["name"] != "filter_error"),
             f"{knot:g} rad, {100.0 * lost:.0f} %",
             *_numbers([result[label]]),
             ", ".join(
