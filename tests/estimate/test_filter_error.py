@@ -233,7 +233,7 @@ def test_a_search_that_stopped_tells_what_it_nearly_reached(ended, moving, wante
     assert done.settled is wanted
 
 
-def test_what_no_row_tells_is_infinite() -> None:
+def test_what_no_row_tells_is_not_bounded_and_stays_as_believed() -> None:
     """The bound of two derivatives, one without information; what was believed of them is left."""
     known = made.unknowns(1.0)
     parameters = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
@@ -253,6 +253,7 @@ def test_what_no_row_tells_is_infinite() -> None:
     )
     bound = filter_error._bound(done, 2)
     np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
+    np.testing.assert_allclose(done.covariance()[1], [0.0, 0.1, 0.0], atol=1e-12)
 
 
 def test_sums_that_move_less_are_known_less() -> None:
