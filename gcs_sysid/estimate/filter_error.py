@@ -225,7 +225,7 @@ def _timing(
     (lag,) = np.flatnonzero(scoring.marked(means, ("moment_lag",)))
     if covariance[lag, lag] == 0.0:
         return np.zeros(covariance.shape[0])
-    return scoring.TIMING * np.abs(covariance[:, lag]) / covariance[lag, lag]
+    return np.abs(scoring.by_timing(covariance, int(lag)))
 
 
 def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:

@@ -318,8 +318,13 @@ def timed(covariance: Float[np.ndarray, "row row"], lag: int) -> Float[np.ndarra
 
     And all that goes with it accordingly.
     """
-    along = covariance[:, lag] / covariance[lag, lag]
-    return covariance + TIMING**2 * np.outer(along, along)
+    late = by_timing(covariance, lag)
+    return covariance + np.outer(late, late)
+
+
+def by_timing(covariance: Float[np.ndarray, "row row"], lag: int) -> Float[np.ndarray, " row"]:
+    """What each goes by with `TIMING` more of the lag in row `lag`, timed or not."""
+    return TIMING * covariance[:, lag] / covariance[lag, lag]
 
 
 def _doubted(

@@ -83,7 +83,7 @@ class AidedFlights:
         aircraft: with the mass, inertia and thrust that go with the final model.
         fits: of the final model, one a flight.
         lacking: terms that the final model does not have, and the flights ask for.
-        unsettled: on which flights a search did not end, and what to do: then nothing here but
+        unsettled: on which flight a search did not end, and what to do: then nothing here but
             `lacking` is a number. Empty where all did.
         notes: what the engineer should know.
     """
@@ -94,7 +94,7 @@ class AidedFlights:
     aircraft: Aircraft
     fits: tuple[Fit, ...]
     lacking: tuple[Lacking, ...]
-    unsettled: tuple[str, ...]
+    unsettled: str
     notes: tuple[str, ...]
 
 
@@ -177,12 +177,7 @@ def identify(
         aircraft=_embodied(aircraft, found),
         fits=tuple(final_fits),
         lacking=_lacking(model, prepared, final_fits, before, seen, structure),
-        unsettled=tuple(
-            _unended(item.one, fit)
-            for fits in (final_fits, scored_fits)
-            for item, fit in zip(prepared, fits, strict=True)
-            if not fit.converged
-        ),
+        unsettled=_unsettled(prepared, final_fits) or _unsettled(prepared, scored_fits),
         notes=(
             *(() if body else _held(aircraft)),
             *(
@@ -359,13 +354,17 @@ def _fit(
         raise UnsettledError(_lost(item.one)) from error
 
 
-def _unended(one: Flight, fit: Fit) -> str:
-    grown = fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
-    return (
-        f"{one.recording.source}: the search inside the filter did not end (the log-likelihood "
-        f"still changed by {grown:+.0f} a step, and a derivative was to move by {fit.moving:.1f} "
-        f"of its deviations): {OFF}"
-    )
+def _unsettled(prepared: Sequence[_Prepared], fits: Sequence[Fit]) -> str:
+    """On which flight first a search did not end; empty where all did."""
+    for item, fit in zip(prepared, fits, strict=True):
+        if not fit.converged:
+            grown = fit.log_likelihood[-1] - fit.log_likelihood[-2:][0]
+            return (
+                f"{item.one.recording.source}: the search inside the filter did not end (the "
+                f"log-likelihood still changed by {grown:+.0f} a step, and a derivative was to "
+                f"move by {fit.moving:.1f} of its deviations): {OFF}"
+            )
+    return ""
 
 
 def _lost(one: Flight) -> str:

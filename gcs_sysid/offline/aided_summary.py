@@ -18,14 +18,18 @@ from gcs_sysid.reconstruct.compatibility import Estimate
 DELAYS = ("airspeed", "velocity", "attitude", "vanes")
 
 
-def method(fits: Sequence[Fit], reason: str | None) -> dict[str, Any]:
-    """Which method made the model, and how the search ended; why not the usual one."""
+def method(fits: Sequence[Fit], reason: str | None, *, refused: bool) -> dict[str, Any]:
+    """Which method made the model, and how the search ended; why not the usual one.
+
+    Where the filter was asked and its search `refused`, `converged` says so.
+    """
     if not fits:
-        return {"name": "equation_error", "reason": reason}
+        status = {"converged": False} if refused else {}
+        return {"name": "equation_error", "reason": reason, **status}
     return {
         "name": "filter_error",
         "reason": None,
-        "converged": all(fit.converged for fit in fits),
+        "converged": True,
         "log_likelihood": [fit.log_likelihood[-1] for fit in fits],
         "steps": [len(fit.log_likelihood) - 1 for fit in fits],
         "innovations": [_innovations(fit) for fit in fits],

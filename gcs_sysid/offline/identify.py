@@ -209,7 +209,8 @@ class _Found(NamedTuple):
     """Models, and the flights with the states that they were made from.
 
     `aircraft` is the one that goes with the final model. `fits` are those inside the filter, none
-    where coefficients were fitted; `reason` says why not. `lacking` are terms that it asks for.
+    where coefficients were fitted; `reason` says why not, and `refused` whether the filter was
+    asked and found no end. `lacking` are terms that it asks for.
     """
 
     flights: Sequence[Flight]
@@ -218,6 +219,7 @@ class _Found(NamedTuple):
     aircraft: Aircraft
     fits: Sequence[Fit]
     reason: str | None
+    refused: bool
     lacking: Sequence[Lacking]
     notes: Sequence[str]
 
@@ -235,19 +237,19 @@ def _fitted(
         structure = stepwise.choose(samples, aircraft, usual, [one.pieces() for one in flights])
     scored = _fit(flights, aircraft, structure, asked.kept, asked.prior)
     reason = _spared(flights, scored, asked.method) or _unfit(flights)
-    asked_for: Sequence[Lacking] = ()
-    if reason is None:
+    tried, asked_for = reason is None, ()
+    if tried:
         try:
             inside = _inside(flights, aircraft, usual, asked, share)
             return _Found(
                 *(inside.flights, inside.scored, inside.final, inside.aircraft),
-                *(inside.fits, None, inside.lacking, inside.notes),
+                *(inside.fits, None, False, inside.lacking, inside.notes),
             )
         except UnsettledError as error:
             reason, asked_for = str(error), error.lacking
     share("fitting the model", 1.0)
     final = _fit(flights, aircraft, structure, None, asked.prior)
-    return _Found(flights, scored, final, aircraft, (), reason, asked_for, ())
+    return _Found(flights, scored, final, aircraft, (), reason, tried, asked_for, ())
 
 
 def _inside(
@@ -277,7 +279,7 @@ def _inside(
         except UnsettledError as error:
             return replace(_settled(found), notes=(*found.notes, _left_out(str(error))))
         if more.unsettled and not found.unsettled:
-            return replace(found, notes=(*found.notes, _left_out(more.unsettled[0])))
+            return replace(found, notes=(*found.notes, _left_out(more.unsettled)))
         found = more
     return _settled(found)
 
@@ -289,7 +291,7 @@ def _left_out(reason: str) -> str:
 def _settled(found: AidedFlights) -> AidedFlights:
     """The same, or an error where a search did not end: with what may have kept it from that."""
     if found.unsettled:
-        raise UnsettledError(found.unsettled[0], found.lacking)
+        raise UnsettledError(found.unsettled, found.lacking)
     return found
 
 
@@ -345,7 +347,7 @@ def _document(
         "flights": summary.flights_document(flights),
         "coefficients": summary.scores(table, table["held_out"], refused),
         "derivatives": found,
-        "method": aided_summary.method(made.fits, made.reason),
+        "method": aided_summary.method(made.fits, made.reason, refused=made.refused),
         "lacking": aided_summary.lacking(made.lacking),
         "mass_properties": aided_summary.body(made.fits, aircraft),
         "reconstruction": summary.reconstruction(flights[0]),

@@ -240,7 +240,7 @@ def scored(
     )
     seconds = clock.perf_counter() - begun
     if known_by.unsettled:
-        raise UnsettledError(known_by.unsettled[0])
+        raise UnsettledError(known_by.unsettled)
     fit = known_by.fits[-1]
     found = found_by(known_by.fits, body=known_of.body)
     flow = [

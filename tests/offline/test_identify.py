@@ -398,7 +398,7 @@ def test_terms_that_the_filter_asks_for_are_taken_in_until_it_asks_for_none(
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> Mock:
         fitted.append({name: tuple(keys) for name, keys in structure.items()})
-        return Mock(spec=AidedFlights, lacking=asked_for[len(fitted) - 1], unsettled=())
+        return Mock(spec=AidedFlights, lacking=asked_for[len(fitted) - 1], unsettled="")
 
     monkeypatch.setattr(aided_fit, "identify", fit)
     usual = {"CX": ("1",), "CZ": ("1", "alpha")}
@@ -422,8 +422,8 @@ def test_a_fit_that_does_not_end_with_what_was_asked_for_leaves_the_one_before(
 ) -> None:
     term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
     model = made_models.model()
-    first = AidedFlights([], model, model, small(), (), (term,), (), ())
-    unended = replace(first, unsettled=("flight.tlog: no end",), lacking=())
+    first = AidedFlights([], model, model, small(), (), (term,), "", ())
+    unended = replace(first, unsettled="flight.tlog: no end", lacking=())
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
         if "alpha^3" not in structure["CZ"]:
@@ -447,8 +447,8 @@ def test_a_search_that_did_not_end_is_no_number_but_says_what_it_asks_for(
     """And where terms are chosen by the data, those that it asks for may end it."""
     term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
     model = made_models.model()
-    ended = AidedFlights([], model, model, small(), (), (), (), ())
-    unended = replace(ended, lacking=(term,), unsettled=("flight.tlog: no end",))
+    ended = AidedFlights([], model, model, small(), (), (), "", ())
+    unended = replace(ended, lacking=(term,), unsettled="flight.tlog: no end")
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
         return ended if "alpha^3" in structure["CZ"] else unended
@@ -480,6 +480,8 @@ def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
     assert found["method"]["name"] == "equation_error"
     assert "the filter lost the aircraft" in found["method"]["reason"]
     assert "short.tlog" in found["method"]["reason"]
+    assert found["method"]["converged"] is False
+    assert "converged" not in short_run.summary["method"]
     assert found["derivatives"] == short_run.summary["derivatives"]
 
 
