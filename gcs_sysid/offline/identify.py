@@ -364,7 +364,8 @@ def _document(
     if made.fits:
         aided_summary.put_reconstruction(document["reconstruction"], made.fits[0], flights[0])
     elif made.reason not in (ASKED, CALM):
-        document["warnings"].append(f"not fitted inside the filter: {made.reason}")
+        # Before all others: it decides what the rest is worth.
+        document["warnings"].insert(0, f"not fitted inside the filter: {made.reason}")
     document["warnings"] += made.notes
     if not held_out:
         document["warnings"].append(

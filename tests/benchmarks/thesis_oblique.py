@@ -38,16 +38,15 @@ def oblique_wing(out: Path) -> None:
         inputs = flights.names(described)
         data = flights.data(flight, inputs)
         found = fitting.fit(data, replace(EFFORT, local=False))
-        flew = replace(data, values=flight.true_values - flight.true_values.mean(axis=0))
-        by_truth = fitting.fit(flew, replace(EFFORT, local=False))
-        rows += _couplings(sweep, (found, by_truth), described, inputs, data.inputs)
+        felt = fitting.fit(flights.data(flight, inputs, truth=True), replace(EFFORT, local=False))
+        rows += _couplings(sweep, (found, felt), described, inputs, data.inputs)
         if sweep == "30":
             _points(found, flight, inputs)
             _ablation(flight, inputs)
     table.show(
         "thesis_coupling",
         "AD-1, dependent GP with zero mean: derivatives at trim, one sd, and what flew",
-        ("sweep", "derivative", "found", "one sd", "from coefficients that flew", "truth"),
+        ("sweep", "derivative", "found", "one sd", "at what the wing felt", "truth"),
         rows,
     )
 
@@ -55,9 +54,9 @@ def oblique_wing(out: Path) -> None:
 def _couplings(
     sweep: str, by: tuple[Fitted, Fitted], aircraft, inputs, where: np.ndarray
 ) -> list[Row]:
-    """Slopes at trim from measured coefficients and from those that flew, at the same samples."""
+    """Slopes at trim over regressors as reconstructed, and over those that the wing felt."""
     trim = np.median(where, axis=0)[None, :]
-    slopes = [posterior.slopes(found.posterior, found.scaled(trim)) for found in by]
+    slopes = [posterior.slopes(one.posterior, one.scaled(trim)) for one in by]
     rows: list[Row] = []
     for name, variable in (
         ("Cm", "phat"),
@@ -67,15 +66,15 @@ def _couplings(
         ("CY", "alpha"),
     ):
         row, column = COEFFICIENTS.index(name), inputs.index(variable)
-        ratios = [found.scaling.unit[row] / found.scaling.spread[column] for found in by]
+        ratios = [one.scaling.unit[row] / one.scaling.spread[column] for one in by]
         terms = aircraft.aerodynamics[name].terms
         flew = terms[variable].value if variable in terms else 0.0
-        measured, true = (
+        found, felt = (
             f"{float(one.mean[0, row, column]) * ratio:.3g}"
             for one, ratio in zip(slopes, ratios, strict=True)
         )
         sd = np.sqrt(float(slopes[0].variance[0, row, column])) * ratios[0]
-        rows.append((sweep, f"{name}_{variable}", measured, f"{sd:.2g}", true, f"{flew:.3g}"))
+        rows.append((sweep, f"{name}_{variable}", found, f"{sd:.2g}", felt, f"{flew:.3g}"))
     return rows
 
 
