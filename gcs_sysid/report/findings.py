@@ -170,7 +170,8 @@ def _against_file(summary: Mapping) -> Finding | None:
     apart.sort(key=lambda row: -abs(row.distance or 0.0))
     if not apart:
         return Finding(
-            "Aircraft file", f"Agrees within {_DISAGREES:.0f} sd on all {len(rows)} derivatives."
+            "Aircraft file",
+            f"Agrees within {_DISAGREES:.0f} sd where the flight tells a derivative ({len(rows)}).",
         )
     parts = [
         f"{_name(row)} {plus_minus(row.value, row.half)} against {number(row.file)}"
