@@ -296,6 +296,8 @@ class _Asked:
         self._sensitivity, follows, white = causal.followed(
             self._sensitivity, rows, done, motion, seen
         )
+        # Unknown by unknown, at once: taken out of JAX's arrays one by one each costs a program.
+        follows = Moving(*(np.moveaxis(np.asarray(part), -1, 0).copy() for part in follows))
         leap = causal.leaps(causal.ends(chunk, self._last), chunk.before)
         self._last = causal.last_end(chunk)
         count, width = done.whitened.shape
@@ -338,7 +340,7 @@ class _Asked:
         if number >= len(self._moved):
             at = number - len(self._moved)
             return intensities.nearby(self._louder[at], self._reaches[at], chunk, rows, still, half)
-        moving = Moving(*(part[..., number] for part in follows))
+        moving = Moving(*(part[number] for part in follows))
         return _turned(
             model, self._moved[number], log_noise, chunk, leap, rows, moving, self._steps[number]
         )
