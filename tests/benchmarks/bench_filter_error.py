@@ -7,7 +7,9 @@ long, so run it apart. Results of flights that were fitted before are kept in `-
 `--told` is what the estimator is told of the aircraft: nothing of its aerodynamics; all of them
 30 % too large or too small, each by lot, and so uncertain; or nothing, and a mass and inertias that
 are wrong as well, and said to be: they are found with the rest. What a flight sees is C/m and C/I:
-what is scored is C times true/found, and how far mass and inertias are off is told apart.
+what is scored is C times true/found, and how far mass and inertias are off is told apart. Beside it
+stands the bound of the same flight with mass and inertias held at the true ones, where the flight
+was also fitted so (`--told ignored`).
 With `--vanes` the aircraft has flow vanes. With `--together` so many flights are fitted at once.
 """
 
@@ -40,13 +42,12 @@ from gcs_sysid.offline.aided_fit import UnsettledError  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
 from gcs_sysid.offline.identify import file_prior  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
-from tests.benchmarks import table  # noqa: E402
+from tests.benchmarks import filter_error_tables  # noqa: E402
 
 CASES = ROOT.parent / "shared" / "cases"
 OWN = ROOT / "data" / "aircraft" / "aerosonde.toml"
 SETTLED = 5.0
 """Seconds at both ends that are not scored."""
-Z95 = 1.96
 WRONG = 0.3
 COARSE_MASS, COARSE_INERTIA = 1.08, 0.8
 """Assumed over true."""
@@ -57,6 +58,8 @@ WORDS = {
     "wrong": "aerodynamics wrong",
     "coarse": "aerodynamics ignored, mass and inertia coarse",
 }
+ASSUMED = {"mass": COARSE_MASS, **dict.fromkeys(("Ixx", "Iyy", "Izz"), COARSE_INERTIA)}
+"""Of each part of the body, as the coarse file says, over true."""
 PARTS = dict.fromkeys(FORCES, "mass") | dict(zip(MOMENTS, ("Ixx", "Iyy", "Izz"), strict=True))
 """What each coefficient is seen over."""
 VANES = """
@@ -111,14 +114,13 @@ def found_by(fits: Sequence[Fit], *, body: bool) -> Found:
     jacobian, scaled = np.zeros((count, values.size)), np.zeros(count)
     for row, (name, _) in enumerate(keys):
         part = fit.keys.index((in_common.BODY, PARTS[name]))
-        assumed = COARSE_MASS if name in FORCES else COARSE_INERTIA
+        assumed = ASSUMED[PARTS[name]]
         over = assumed * (1.0 + values[part])
         scaled[row], jacobian[row, row] = values[row] / over, 1.0 / over
         jacobian[row, part] = -values[row] * assumed / over**2
     sizes = np.sqrt(np.diagonal(fit.covariance))
     told_of = {}
-    for part in dict.fromkeys(PARTS.values()):
-        assumed = COARSE_MASS if part == "mass" else COARSE_INERTIA
+    for part, assumed in ASSUMED.items():
         place = fit.keys.index((in_common.BODY, part))
         told_of[part] = [assumed * (1.0 + values[place]), assumed * sizes[place]]
     covariance = jacobian @ fit.covariance @ jacobian.T
@@ -285,156 +287,6 @@ def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
     }
 
 
-def shown(name: str, title: str, every: Sequence[dict[str, Any]], *, at_once: int = 1) -> None:
-    """Prints errors beside bounds, flow angles, and how many intervals hold.
-
-    Each result is of so many flights `at_once`.
-
-    What a mean is off is told apart, rms over the flights: a constant of the angle of attack and a
-    constant vertical wind are one freedom.
-    """
-    results = [result for result in every if "unsettled" not in result]
-    rows = []
-    for coefficient in COEFFICIENTS:
-        each = [result["coefficients"][coefficient] for result in results]
-        error, bound = (np.mean([item[key] for item in each]) for key in ("error", "bound"))
-        off = np.sqrt(np.mean([item["mean"] ** 2 for item in each]))
-        rows.append(
-            (coefficient, f"{error:.1f}", _known(bound), _known(error / bound), f"{off:.1f}")
-        )
-    for words, names in (("forces", FORCES), ("moments", MOMENTS)):
-        error, bound = (
-            np.mean([r["coefficients"][c][key] for r in results for c in names])
-            for key in ("error", "bound")
-        )
-        rows.append((words, f"{error:.1f}", _known(bound), _known(error / bound), ""))
-    table.show(
-        f"{name}_models",
-        f"{title}: error on another flight in % of the spread, beside the Cramér–Rao bound",
-        ("", "error", "bound", "ratio", "mean off"),
-        rows,
-    )
-    off = {
-        key: np.array(
-            [
-                (r["derivatives"][key][0] - r["derivatives"][key][2]) / r["derivatives"][key][1]
-                for r in results
-            ]
-        )
-        for key in results[0]["derivatives"]
-    }
-
-    timed = [result for result in results if "timing" in result]
-
-    def wider(of: Sequence[dict[str, Any]], *, without_lag: bool) -> dict[str, float]:
-        """Stated deviation over the bound of each derivative, median of flights."""
-        shares: dict[str, list[float]] = {key: [np.nan] for key in off}
-        for result in of:
-            for key, (_, size, _, least) in result["derivatives"].items():
-                late = result["timing"][key] if without_lag else 0.0
-                shares[key].append(np.sqrt(size**2 - late**2) / least)
-        return {key: float(np.nanmedian(each)) for key, each in shares.items()}
-
-    over = wider(results, without_lag=False), wider(timed, without_lag=True)
-    pooled = np.concatenate(list(off.values()))
-    alpha, beta = np.mean([result["flow"] for result in results], axis=0)
-    fewest, at = min((float(np.mean(np.abs(z) < Z95)), key) for key, z in off.items())
-    cores = sorted({result["cores"] for result in results})
-    table.show(
-        f"{name}_intervals",
-        f"{title}: flow angles, intervals and time",
-        (
-            "flights",
-            "with a number",
-            "alpha [°]",
-            "beta [°]",
-            "95 % intervals that hold",
-            "fewest",
-            f"s a fit, cores: {', '.join(map(str, cores))}",
-        ),
-        [
-            (
-                at_once * len(every),
-                at_once * len(results),
-                f"{alpha:.2f}",
-                f"{beta:.2f}",
-                f"{100.0 * np.mean(np.abs(pooled) < Z95):.0f} %",
-                f"{100.0 * fewest:.0f} % ({at})",
-                f"{np.median([result['seconds'] for result in results]):.0f}",
-            )
-        ],
-    )
-    table.show(
-        f"{name}_gusts",
-        f"{title}: rotation of the air by passing gusts, times the span, about the axis",
-        ("axis", "found", "sd", "MIL-F-8785C"),
-        [
-            (
-                axis,
-                *(
-                    f"{np.mean([r['turning'][axis][part] for r in results]):.3f}"
-                    for part in (0, 1, 2)
-                ),
-            )
-            for axis in results[0]["turning"]
-        ],
-    )
-    table.show(
-        f"{name}_derivatives",
-        f"{title}: mean and spread of (found − true)/sd, share within 95 %, sd over the bound; "
-        f"and that without a millisecond of the moments' lag, {len(timed)} flights",
-        ("derivative", "mean", "spread", "hold", "sd", "without lag"),
-        [
-            *(
-                (
-                    key,
-                    f"{z.mean():+.2f}",
-                    f"{z.std():.2f}",
-                    f"{100.0 * np.mean(np.abs(z) < Z95):.0f} %",
-                    *(_known(part[key], 2) for part in over),
-                )
-                for key, z in off.items()
-            ),
-            ("largest", "", "", "", *(_known(max(part.values()), 2) for part in over)),
-        ],
-    )
-    asked = [result["lacking"] for result in results if "lacking" in result]
-    if asked:
-        shares = [share for each in asked for *_, share in each]
-        table.show(
-            f"{name}_lacking",
-            f"{title}: terms asked for of which the aircraft has none",
-            ("flights", "where a term was asked for", "the largest would move"),
-            [
-                (
-                    len(asked),
-                    sum(bool(each) for each in asked),
-                    f"{100.0 * max(shares, default=0.0):.0f} %",
-                )
-            ],
-        )
-    if results[0].get("body"):
-        table.show(
-            f"{name}_body",
-            f"{title}: mass and inertias over true ones, mean of the flights",
-            ("part", "told", "found", "spread", "sd"),
-            [
-                (
-                    part,
-                    f"{COARSE_MASS if part == 'mass' else COARSE_INERTIA:.2f}",
-                    *(f"{number:.3f}" for number in (each[:, 0].mean(), each[:, 0].std())),
-                    f"{each[:, 1].mean():.3f}",
-                )
-                for part in results[0]["body"]
-                for each in [np.array([result["body"][part] for result in results])]
-            ],
-        )
-
-
-def _known(number: float, digits: int = 1) -> str:
-    return f"{number:.{digits}f}" if np.isfinite(number) else "–"
-
-
 def flown(folder: Path, seed: int, description: Path) -> None:
     """Flies one of our own, unless it was flown before."""
     if (folder / "truth.npz").exists():
@@ -470,15 +322,28 @@ def main() -> None:
     asked = parser.parse_args()
     numerics.enable()
     numerics.keep_freed_memory()
-    if not asked.flights:
-        if not CASES.is_dir():
-            print("filter error: no flights of known truth beside the checkout")
-            return
-        aircraft = aircraft_file.load(CASES / "clean" / "aircraft.toml")
-        known_of = told(asked.told, aircraft, 0)
-        result = scored([CASES / "clean"], CASES / "clean_second", aircraft, known_of, 0)
-        shown("filter_error", f"Filter error on clean, {WORDS[asked.told]}", [result])
-        return
+    if asked.flights:
+        _own(asked)
+    elif CASES.is_dir():
+        _shared(asked.told)
+    else:
+        print("filter error: no flights of known truth beside the checkout")
+
+
+def _shared(kind: str) -> None:
+    """The flight of known truth beside the checkout; told nothing, its tables have no suffix."""
+    aircraft = aircraft_file.load(CASES / "clean" / "aircraft.toml")
+    result = scored([CASES / "clean"], CASES / "clean_second", aircraft, told(kind, aircraft, 0), 0)
+    filter_error_tables.shown(
+        "filter_error" + ("" if kind == "ignored" else f"_clean_{kind}"),
+        f"Filter error on clean, {WORDS[kind]}",
+        [result],
+        assumed=ASSUMED,
+    )
+
+
+def _own(asked: argparse.Namespace) -> None:
+    """Flights of our own simulator, flown and fitted unless they were before."""
     base = asked.folder / "vanes" if asked.vanes else asked.folder
     description = described(base, vanes=asked.vanes)
     aircraft = aircraft_file.load(description)
@@ -498,13 +363,47 @@ def main() -> None:
             except UnsettledError as error:
                 result = {"seed": seed, "unsettled": str(error)}
             kept.write_text(json.dumps(result))
-        results.append(json.loads(kept.read_text()))
-        print(f"flight {seed}: {results[-1].get('seconds', 0.0):.0f} s", flush=True)
+        found = json.loads(kept.read_text())
+        if asked.told == "coarse":
+            found = with_bound_held(found, folders[0] / f"ignored{several}.json")
+        results.append(found)
+        print(f"flight {seed}: {found.get('seconds', 0.0):.0f} s", flush=True)
     name = f"filter_error_{asked.told}" + ("_vanes" if asked.vanes else "") + several
     words = f"{asked.flights} own flights" + (" with vanes" if asked.vanes else "")
     if several:
         words += f", {asked.together} fitted at once"
-    shown(name, f"{words}, {WORDS[asked.told]}", results, at_once=asked.together)
+    filter_error_tables.shown(
+        name,
+        f"{words}, {WORDS[asked.told]}",
+        results,
+        at_once=asked.together,
+        assumed=ASSUMED,
+        bound="bound with mass and inertia known" if asked.told == "coarse" else "bound",
+    )
+
+
+def with_bound_held(result: dict[str, Any], known_body: Path) -> dict[str, Any]:
+    """A fit that sought the body, with the bounds of the same flight fitted with the true one.
+
+    What a flight sees is C/m and C/I, and it is these that are scored: a file that knows the body
+    is the same question with the body held. Without such a fit bounds stay unknown.
+    """
+    if "unsettled" in result or not known_body.exists():
+        return result
+    held = json.loads(known_body.read_text())
+    if "unsettled" in held:
+        return result
+    return {
+        **result,
+        "coefficients": {
+            name: {**item, "bound": held["coefficients"][name]["bound"]}
+            for name, item in result["coefficients"].items()
+        },
+        "derivatives": {
+            key: [*item[:3], held["derivatives"][key][3]]
+            for key, item in result["derivatives"].items()
+        },
+    }
 
 
 if __name__ == "__main__":
