@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -72,6 +72,13 @@ bench: setup
 # The published comparison on flights whose truth is known; runs stay in out/thesis.
 bench-thesis: setup
 	@$(BIN)/python tests/benchmarks/bench_thesis.py --out out/thesis $(BENCH)
+
+# The filter against truth on flights of our own simulator: hours, finished fits are not repeated.
+# The first is asked before the others: it knows the bounds of those whose mass is to be found.
+bench-filter: setup
+	@for asked in "--flights 100" "--flights 20 --told wrong" "--flights 20 --told coarse" \
+		"--flights 10 --vanes" "--flights 8 --together 2"; do \
+		$(BIN)/python tests/benchmarks/bench_filter_error.py $$asked $(BENCH) || exit 1; done
 
 # Closed loop on the aircraft of data/: BENCH="--aircraft ultra_stick_25e --seeds 1" for a part.
 bench-maneuvers: setup
