@@ -43,6 +43,19 @@ def test_a_line_shows_what_was_kept_and_only_that(results, tmp_path):
         results.block(tmp_path, (gone,))
 
 
+def test_a_line_counts_rows_among_some(results, tmp_path):
+    rows = [["a", "agrees with both"], ["b", "not told"], ["c", "departs"], ["d", "agrees"]]
+    document = {"title": "t", "columns": ["what", "said"], "rows": rows}
+    (tmp_path / "one.json").write_text(json.dumps(document), encoding="utf-8")
+    told = ("agrees", "departs")
+    counts = (
+        results.Count("one", "said", told),
+        results.Count("one", "said", ("agrees",), told),
+    )
+    shown = results.block(tmp_path, (results.Line("told", "–", counts),))
+    assert "| told | – | 3 of 4 / 2 of 3 |" in shown
+
+
 def test_tables_become_markdown_in_the_order_of_their_names(results, tmp_path):
     for name, cell in (("b", "second"), ("a", "first|one")):
         document = {"title": name, "columns": ["what"], "rows": [[cell]]}
