@@ -55,19 +55,40 @@ EVERY = tuple(
 """Every cause once, at a size that nobody should miss."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Fly, diagnose and print."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly, diagnose and print; 1 where the dozen misses what is wanted of it."""
     asked = _parser().parse_args(arguments)
     if asked.dozen or asked.every:
-        flights = DOZEN if asked.dozen else EVERY
-        draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(flights)]
-        tables.one_by_one(list(run(draws, asked.out, again=asked.again, keep=asked.keep)))
-        return
-    fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size, short=asked.short)
-    span = range(asked.start, asked.start + asked.count)
-    draws = [draw(i, seed=asked.seed, fixed=fixed) for i in span]
-    results = run(draws, asked.out, again=asked.again, bound=asked.bound, keep=asked.keep)
-    tables.summary(list(results))
+        listed = DOZEN if asked.dozen else EVERY
+        draws = [draw(i, seed=asked.seed, fixed=fixed) for i, fixed in enumerate(listed)]
+    else:
+        fixed = Fixed(asked.cause, asked.aircraft, asked.file, asked.size, short=asked.short)
+        span = range(asked.start, asked.start + asked.count)
+        draws = [draw(i, seed=asked.seed, fixed=fixed) for i in span]
+    results = list(run(draws, asked.out, again=asked.again, bound=asked.bound, keep=asked.keep))
+    flights = which(asked)
+    if asked.dozen or asked.every:
+        tables.one_by_one(results, flights)
+    if not asked.dozen or asked.bound:
+        tables.summary(results, flights)
+    missed = tables.missed(results) if asked.dozen else ()
+    for words in missed:
+        sys.stderr.write(f"missed: {words}\n")
+    return 1 if missed else 0
+
+
+def which(asked: argparse.Namespace) -> tables.Flights:
+    """What the tables are called: all that was asked for is part of it."""
+    seed = [f"seed {asked.seed}"] if asked.seed else []
+    if asked.dozen and not seed:
+        return tables.DOZEN
+    if asked.dozen or asked.every:
+        parts = ["dozen" if asked.dozen else "every", *seed]
+    else:
+        fixed = [asked.cause, asked.aircraft, asked.file, asked.size]
+        parts = [part for part in fixed if part] + (["short"] if asked.short else [])
+        parts += [f"draws {asked.start} to {asked.start + asked.count - 1}", *seed]
+    return tables.Flights("_" + "_".join(parts).replace(" ", "_"), ", ".join(parts))
 
 
 def run(
@@ -176,4 +197,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
@@ -23,6 +24,26 @@ NEAR = 1.1
 
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Bins of stated probabilities: finer where decisions are taken."""
+
+
+SURE = 0.95
+"""How many intervals are wanted to hold what they are about."""
+
+
+class Flights(NamedTuple):
+    """Which flights tables are about, so that none takes the place of another's.
+
+    Attributes:
+        suffix: of the tables' names.
+        words: behind their titles.
+    """
+
+    suffix: str
+    words: str
+
+
+DOZEN = Flights("", "")
+"""Those of `make blind`, which the README shows."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +96,7 @@ def reliability(
     )
 
 
-def one_by_one(results: Sequence[Result]) -> None:
+def one_by_one(results: Sequence[Result], flights: Flights = DOZEN) -> None:
     """Print a line for each flight, and how many were right."""
     rows = [
         (
@@ -93,7 +114,8 @@ def one_by_one(results: Sequence[Result]) -> None:
         for result in results
     ]
     columns = ("draw", "hidden", "size", "aircraft", "file", "said", "verdict", "stated")
-    table.show(
+    _show(
+        flights,
         "blind",
         "Blind flights: what was hidden and what was said",
         (*columns, "size off [sd]", "s"),
@@ -104,6 +126,7 @@ def one_by_one(results: Sequence[Result]) -> None:
     clean = [result for result in flown if result.draw.cause == "none"]
     sizes = [one for result in hidden for one in result.score.sizes]
     _show(
+        flights,
         "blind_right",
         "Blind flights: how many of them were answered right",
         ("flights", "right"),
@@ -119,15 +142,30 @@ def one_by_one(results: Sequence[Result]) -> None:
     )
 
 
-def summary(results: Sequence[Result]) -> None:
+def missed(results: Sequence[Result]) -> tuple[str, ...]:
+    """What these flights miss of what is wanted of a dozen; nothing where all is well.
+
+    Of so few every one must be answered right: one wrong is less than 97 and 98 %. Of the sizes so
+    many must be inside their 95 % intervals that chance may have left the others out.
+    """
+    wrong = [result for result in results if result.departed or not result.score.alone]
+    sizes = [one for result in results if not result.departed for one in result.score.sizes]
+    inside = sum(one.inside for one in sizes)
+    said = [f"draw {result.draw.index}: {_verdict(result)}" for result in wrong]
+    if sizes and clopper_pearson(inside, len(sizes))[1] < SURE:
+        said.append(f"{inside} of {len(sizes)} sizes are inside their 95 % intervals")
+    return tuple(said)
+
+
+def summary(results: Sequence[Result], flights: Flights = DOZEN) -> None:
     """Print everything that a campaign tells."""
     flown = [result for result in results if not result.departed]
-    _confusion(flown, departed=len(results) - len(flown))
-    _power(flown)
-    _false_alarms(flown)
-    _calibration(flown)
-    _coverage(flown)
-    _extension(flown)
+    _confusion(flights, flown, departed=len(results) - len(flown))
+    _power(flights, flown)
+    _false_alarms(flights, flown)
+    _calibration(flights, flown)
+    _coverage(flights, flown)
+    _extension(flights, flown)
 
 
 def _verdict(result: Result) -> str:
@@ -140,7 +178,7 @@ def _verdict(result: Result) -> str:
     return "FALSE ALARM" if result.score.false_alarm else "wrong"
 
 
-def _confusion(results: Sequence[Result], *, departed: int) -> None:
+def _confusion(flights: Flights, results: Sequence[Result], *, departed: int) -> None:
     rows = []
     for cause in sorted({result.draw.cause for result in results}):
         of_it = [result for result in results if result.draw.cause == cause]
@@ -155,6 +193,7 @@ def _confusion(results: Sequence[Result], *, departed: int) -> None:
             )
         )
     _show(
+        flights,
         "blind_confusion",
         f"What was hidden and what was said ({departed} flights lost control and are not counted)",
         ("hidden", "flights", "right and alone", "or in a group", "said instead"),
@@ -162,7 +201,7 @@ def _confusion(results: Sequence[Result], *, departed: int) -> None:
     )
 
 
-def _power(results: Sequence[Result]) -> None:
+def _power(flights: Flights, results: Sequence[Result]) -> None:
     hidden = [result for result in results if result.draw.cause not in ("none",)]
     kinds: tuple[tuple[str, Callable[[Draw], bool]], ...] = (
         ("one cause", lambda draw: draw.cause not in ("unlisted", "two")),
@@ -183,10 +222,10 @@ def _power(results: Sequence[Result]) -> None:
                     grouped = _share(of_it, lambda score: score.grouped)
                     rows.append((words, size, file, len(of_it), alone, grouped))
     columns = ("hidden", "size", "file", "flights", "right and alone", "or in a group")
-    _show("blind_power", "Power against size", columns, rows)
+    _show(flights, "blind_power", "Power against size", columns, rows)
 
 
-def _false_alarms(results: Sequence[Result]) -> None:
+def _false_alarms(flights: Flights, results: Sequence[Result]) -> None:
     rows = []
     for file in FILES:
         clean = [
@@ -197,10 +236,10 @@ def _false_alarms(results: Sequence[Result]) -> None:
             quiet = _share(clean, lambda score: score.alone)
             rows.append((file, len(clean), false, quiet))
     columns = ("file", "flights", "false alarms", "said that nothing is wrong")
-    _show("blind_false_alarms", "Flights with nothing hidden", columns, rows)
+    _show(flights, "blind_false_alarms", "Flights with nothing hidden", columns, rows)
 
 
-def _calibration(results: Sequence[Result]) -> None:
+def _calibration(flights: Flights, results: Sequence[Result]) -> None:
     stated = [
         (result.score.probability, result.score.first)
         for result in results
@@ -215,6 +254,7 @@ def _calibration(results: Sequence[Result]) -> None:
     ]
     error = calibration_error(probability, came)
     _show(
+        flights,
         "blind_calibration",
         f"Stated probability of the first in the ranking: expected calibration error {error:.3f}",
         ("stated, mean of the bin", "flights", "true"),
@@ -222,7 +262,7 @@ def _calibration(results: Sequence[Result]) -> None:
     )
 
 
-def _coverage(results: Sequence[Result]) -> None:
+def _coverage(flights: Flights, results: Sequence[Result]) -> None:
     rows = []
     for cause in sorted({result.draw.cause for result in results}):
         sizes = [
@@ -233,10 +273,10 @@ def _coverage(results: Sequence[Result]) -> None:
             error = float(np.median([abs(one.relative) for one in sizes]))
             rows.append((cause, len(sizes), inside, f"{100.0 * error:.1f} %"))
     columns = ("hidden", "sizes", "in the 95 % interval", "median error over size")
-    _show("blind_coverage", "Sizes where the cause was found", columns, rows)
+    _show(flights, "blind_coverage", "Sizes where the cause was found", columns, rows)
 
 
-def _extension(results: Sequence[Result]) -> None:
+def _extension(flights: Flights, results: Sequence[Result]) -> None:
     """Only where the cause was found: another file says nothing of how well it is extended."""
     rows = []
     for cause in sorted({result.draw.cause for result in results}):
@@ -252,6 +292,7 @@ def _extension(results: Sequence[Result]) -> None:
             near = _interval(sum(ratio <= NEAR for ratio in ratios), len(ratios))
             rows.append((cause, len(ratios), f"{float(np.median(ratios)):.2f}", near))
     _show(
+        flights,
         "blind_extension",
         "Error of the extended file on what took no part, over that of the file that knows all",
         ("hidden", "flights", "median", f"at most {NEAR:g}"),
@@ -259,10 +300,17 @@ def _extension(results: Sequence[Result]) -> None:
     )
 
 
-def _show(name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+def _show(
+    flights: Flights,
+    name: str,
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[object]],
+) -> None:
     """A table, unless there is nothing in it."""
     if rows:
-        table.show(name, title, columns, rows)
+        of_them = f" ({flights.words})" if flights.words else ""
+        table.show(f"{name}{flights.suffix}", f"{title}{of_them}", columns, rows)
 
 
 def _of(each: Iterable[bool]) -> str:

@@ -13,7 +13,7 @@ import pytest
 from tests.blind import campaign, fly, tables
 from tests.blind.draw import AIRCRAFT, Draw, Fixed, draw
 from tests.blind.fly import Recorded
-from tests.blind.score import score
+from tests.blind.score import Sized, score
 from tests.blind.sizes import CAUSES
 from tests.blind.tables import Result
 
@@ -76,6 +76,33 @@ def test_the_file_that_knows_everything_is_asked_only_when_told_to(tmp_path, fli
     (result,) = campaign.run(draws, tmp_path, again=True, bound=True)
     assert (without.least_error, result.least_error) == (None, 0.25)
     assert result.error == 0.5
+
+
+def test_every_cause_is_compared_with_the_file_that_knows_all_when_asked(tmp_path, flights, capsys):
+    """`--bound` was dropped with `--every`, and nothing told of what it asks for."""
+    assert campaign.main(["--every", "--bound", "--out", str(tmp_path)]) == 0
+    held = [json.loads(path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()]
+    assert {each["least_error"] for each in held if not each["departed"]} == {0.25}
+    assert "What was hidden and what was said" in capsys.readouterr().out
+
+
+def test_the_dozen_fails_where_a_flight_is_answered_wrong(tmp_path, flights, capsys):
+    assert campaign.main(["--dozen", "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert "missed: draw 3: wrong" in said
+    assert "missed: draw 2: lost control" in said
+    assert "missed: draw 0" not in said
+
+
+def test_tables_of_other_flights_have_other_names():
+    """A campaign's tables took the place of the dozen's, and of each other's."""
+    parse = campaign._parser().parse_args
+    asked = ("--dozen", "--every", "--count 8", "--count 8 --start 8", "--count 8 --cause none")
+    asked += ("--count 8 --short", "--count 8 --seed 3", "--dozen --seed 3", "--every --seed 3")
+    names = [campaign.which(parse(words.split())).suffix for words in asked]
+    assert len(set(names)) == len(asked)
+    assert names[0] == ""
+    assert names[2] == "_draws_0_to_7"
 
 
 def test_the_file_keeps_what_was_drawn_and_said(tmp_path, flights):
@@ -154,3 +181,8 @@ def test_the_tables_say_what_was_found(capsys):
         assert line in printed
     tables.one_by_one(results)
     assert "FALSE ALARM" in capsys.readouterr().out
+    assert tables.missed(results[:1]) == ()
+    assert tables.missed(results[:2]) == ("draw 1: FALSE ALARM",)
+    far = replace(results[2].score, sizes=(Sized("mass_ratio", 4.0, 1.0),) * 3)
+    (missing,) = tables.missed([replace(results[2], score=far)])
+    assert missing == "0 of 3 sizes are inside their 95 % intervals"
