@@ -1,7 +1,7 @@
 """What a diagnosis costs: a flight of four minutes in gusts against the whole catalogue.
 
-One flight with something hidden and one with nothing, both of `make blind`. The first is diagnosed
-once more with the compiled code that it left.
+Flights of `make blind`: one with something hidden, diagnosed once more with the compiled code that
+it left; one with nothing; one whose hidden term no catalogue has; and one with two effects.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from tests.blind import fly  # noqa: E402
 from tests.blind.campaign import DOZEN  # noqa: E402
 from tests.blind.draw import draw  # noqa: E402
 
-HIDDEN, NOTHING = 3, 0
+HIDDEN, NOTHING, UNLISTED, TWO = 3, 0, 10, 11
 """Draws of the dozen."""
 
 
 def main() -> None:
-    """Three diagnoses, one after the other."""
+    """Five diagnoses, one after the other."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         os.environ[numerics.CACHE] = f"{folder}/compiled"
@@ -33,6 +33,8 @@ def main() -> None:
             ("nothing compiled before", HIDDEN),
             ("compiled code kept", HIDDEN),
             ("compiled code kept", NOTHING),
+            ("compiled code kept", UNLISTED),
+            ("compiled code kept", TWO),
         ):
             place = Path(folder) / str(number)
             one = draw(number, fixed=DOZEN[number])
