@@ -1,9 +1,10 @@
 """Closed loop: a first weak flight, a suggestion, its flight in gusts, and what it brought.
 
 `make bench-maneuvers` runs all of it, days of one core;
-`make bench-maneuvers BENCH="--aircraft ultra_stick_25e --seeds 1"` a part that takes minutes. Every
-arm gets the same time of inputs at the same limits, and is identified together with the same first
-flight:
+`make bench-maneuvers BENCH="--aircraft ultra_stick_25e --seeds 1"` a part of it. What is finished
+is kept in `--out`, a file an aircraft and seed, and not flown again. Every arm gets the same time
+of inputs at the same limits, and is identified together with the same first flight, as `identify`
+does it without options:
 
 - `suggested`: the sortie of `suggest`;
 - `untuned`: 3-2-1-1 and doublets with steps of half a second and 3°, whatever the aircraft;
@@ -15,12 +16,14 @@ flight:
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,65 +34,108 @@ from gcs_sysid.cli import numerics  # noqa: E402 - the tests' helpers are found 
 
 numerics.keep_linear_algebra_in_one_thread()
 numerics.enable()
+numerics.keep_freed_memory()
 
 from gcs_sysid import aircraft_file  # noqa: E402
-from gcs_sysid.aircraft import Aircraft, Value  # noqa: E402
+from gcs_sysid.aircraft import Aircraft, Envelope, Value  # noqa: E402
+from gcs_sysid.estimate.result import AeroModel  # noqa: E402
 from gcs_sysid.maneuvers import design, recipes  # noqa: E402
-from gcs_sysid.maneuvers.design import Maneuver  # noqa: E402
+from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
+from gcs_sysid.maneuvers.information import Added, Knowledge  # noqa: E402
 from gcs_sysid.offline import identify, model_store, suggest  # noqa: E402
 from gcs_sysid.offline.suggestion_target import Question  # noqa: E402
 from gcs_sysid.sitl import record, scenario  # noqa: E402
 from gcs_sysid.sitl.flight import Flight  # noqa: E402
 from gcs_sysid.sitl.inputs import TestInput  # noqa: E402
 from gcs_sysid.sitl.plan import Leg  # noqa: E402
-from tests.benchmarks import table  # noqa: E402
+from gcs_sysid.sources.registry import open_recording  # noqa: E402
+from tests.benchmarks import closed_loop_scores, table  # noqa: E402
 
 DATA = ROOT / "data" / "aircraft"
-ALL = ("ultra_stick_25e", "brumby_mk3", "skywalker_x8", "ad1_00")
+ALL = ("ultra_stick_25e", "brumby_mk3", "skywalker_x8", "aerosonde", "ad1_00")
 ARMS = ("suggested", "untuned", "well-timed", "d-optimal")
 TIME = 60.0
 """Of inputs in every arm [s]."""
 MINUTES = 2.3
-"""Of flight, turns and settling included: a minute of multisines, and what is foretold is of it."""
+"""Of flight, turns and settling included: a minute of multisines."""
 GUST = 0.5
 """Vertical gusts [m/s], that of a moderate breeze."""
 WRONG = 0.15
 """By how much the file's derivatives are wrong, one relative standard deviation."""
-PRIMARY = {
-    "Cl": ("phat", "aileron", "beta"),
-    "Cm": ("alpha", "qhat", "elevator"),
-    "Cn": ("beta", "rhat", "rudder"),
-}
-"""Derivatives of the moments that are scored, where the aircraft has them."""
+
+
+class Planned(NamedTuple):
+    """What an arm flies.
+
+    Attributes:
+        legs: of its flight.
+        foretold: what each of its inputs should teach; None where nobody says.
+    """
+
+    legs: list[Leg]
+    foretold: list[Knowledge] | None
+
+
+class Known(NamedTuple):
+    """What arms are planned from.
+
+    Attributes:
+        believed: the aircraft as its file has it.
+        model: of the first flight.
+        conditions: level flights that maneuvers begin in, the middle airspeed first.
+        document: the suggestion.
+        folder: with everything that was written.
+        seed: of the campaign.
+    """
+
+    believed: Aircraft
+    model: AeroModel
+    conditions: list[Condition]
+    document: dict[str, Any]
+    folder: Path
+    seed: int
 
 
 def main() -> None:
-    """Flies the arms and prints a table for each aircraft."""
+    """Flies the arms and prints a table for all aircraft."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--aircraft", nargs="*", default=list(ALL))
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--arms", nargs="*", default=list(ARMS))
+    parser.add_argument("--arms", nargs="*", choices=ARMS, default=list(ARMS))
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "closed_loop")
     parser.add_argument("--save", action="store_true")
     chosen = parser.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for name in chosen.aircraft:
-        scores = {arm: [] for arm in chosen.arms}
-        for seed in range(chosen.seeds):
-            for arm, score in _campaign(name, seed, chosen.arms).items():
-                scores[arm].append(score)
-                print(name, seed, arm, {key: _short(value) for key, value in score.items()})
-        rows += [_row(name, arm, scores[arm]) for arm in chosen.arms]
+        seeds = [
+            _finished(chosen.out / f"{name}-{seed}.json", name, seed, chosen.arms)
+            for seed in range(chosen.seeds)
+        ]
+        rows += [_row(name, arm, [scores[arm] for scores in seeds]) for arm in chosen.arms]
     table.show(
         "suggested_maneuvers",
         f"Moment derivatives after {TIME:.0f} s of inputs in gusts of {GUST} m/s, beside a first "
-        f"flight; means over {chosen.seeds} seeds",
-        ("aircraft", "inputs", "error", "sd", "achieved / foretold sd", "outside the envelope"),
+        f"flight; means over {chosen.seeds} seeds; sd is without the part of mass and inertia, "
+        "which no flight changes",
+        (
+            "aircraft",
+            "inputs",
+            "error",
+            "sd",
+            "achieved / foretold sd",
+            "outside the envelope",
+            "limits broken",
+            "inside the filter",
+        ),
         rows,
     )
 
 
 def _row(name: str, arm: str, scores: Sequence[dict]) -> tuple[object, ...]:
     ratios = [score["ratio"] for score in scores if score["ratio"] is not None]
+    limits = sorted({limit for score in scores for limit in score["limits"]})
+    inside = sum(score["method"] == "filter_error" for score in scores)
     return (
         name,
         arm,
@@ -97,6 +143,8 @@ def _row(name: str, arm: str, scores: Sequence[dict]) -> tuple[object, ...]:
         f"{100.0 * np.mean([score['sd'] for score in scores]):.1f} %",
         f"{np.median(ratios):.2f}" if ratios else "",
         f"{sum(score['left'] for score in scores)} of {sum(score['runs'] for score in scores)}",
+        ", ".join(limits),
+        f"{inside} of {len(scores)}",
     )
 
 
@@ -104,31 +152,71 @@ def _short(value: object) -> object:
     return round(value, 4) if isinstance(value, float) else value
 
 
-def _campaign(name: str, seed: int, arms: Sequence[str]) -> dict[str, dict]:
+def _finished(kept: Path, name: str, seed: int, arms: Sequence[str]) -> dict[str, dict]:
+    """Scores by arm; those that a file holds are not flown, and each is written as it comes."""
+    scores = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    missing = [arm for arm in arms if arm not in scores]
+    for arm, score in _campaign(name, seed, missing):
+        scores[arm] = score
+        part = kept.with_suffix(".part")
+        part.write_text(json.dumps(scores, indent=1), encoding="utf-8")
+        part.replace(kept)
+        shown = {key: _short(value) for key, value in score.items()}
+        print(name, seed, arm, shown, flush=True)
+    return scores
+
+
+def _campaign(name: str, seed: int, arms: Sequence[str]) -> Iterator[tuple[str, dict]]:
+    if not arms:
+        return
     believed = aircraft_file.load(DATA / f"{name}.toml")
     real = _real(believed, np.random.default_rng(1000 + seed))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "aircraft.toml").write_text(aircraft_file.dumps(believed))
         first = folder / "first.tlog"
-        record.run(_flight(believed, real, _weak(believed), seed), record=first)
+        record.run(flight(believed, real, weak(believed), seed), record=first)
         _identify([first], folder, folder / "before")
-        document = suggest.run(
-            folder / "before",
-            Question(target=None, confidence=1e-3, minutes=MINUTES, seed=seed),
-            out=_made(folder / "suggest"),
-            progress=_silent,
-        )
-        found = {}
-        for number, arm in enumerate(arms):
-            legs, foretold = _legs(arm, document, folder, believed, seed)
-            log = folder / f"{arm}.tlog"
-            path = record.run(
-                _flight(believed, real, legs, 7000 + 10 * seed + number), record=log
-            ).truth
-            _identify([first, log], folder, folder / arm)
-            found[arm] = _score(folder / arm, real, foretold) | _excursions(path, legs, believed)
-    return found
+        known = _known(believed, folder, seed)
+        for arm in arms:
+            yield arm, _flown_and_scored(arm, known, real)
+
+
+def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
+    """What an arm brought; where nothing is suggested, what is known without a second flight."""
+    folder, believed, planned = known.folder, known.believed, _planned(arm, known)
+    foretold, out = None, folder / "before"
+    outside: dict[str, Any] = {"left": 0, "runs": 0, "limits": []}
+    if planned.legs:
+        log, out = folder / f"{arm}.tlog", folder / arm
+        number = 7000 + 10 * known.seed + ARMS.index(arm)
+        truth = record.run(flight(believed, real, planned.legs, number), record=log).truth
+        _identify([folder / "first.tlog", log], folder, out)
+        outside = closed_loop_scores.excursions(truth, open_recording(log), planned.legs, believed)
+        if planned.foretold is not None:
+            foretold = closed_loop_scores.foretell(known.model, planned.foretold)
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    method = summary["method"]["name"]
+    scored = closed_loop_scores.score(
+        model_store.load(out).model, real, foretold, inside_filter=method == "filter_error"
+    )
+    return {**scored, **outside, "method": method}
+
+
+def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
+    """The suggestion after the first flight, and the level flights that it is planned from."""
+    document = suggest.run(
+        folder / "before",
+        Question(target=None, confidence=1e-3, minutes=MINUTES, seed=seed),
+        out=_made(folder / "suggest"),
+        progress=_silent,
+    )
+    stored = model_store.load(folder / "before")
+    aircraft = suggest._aircraft(stored, folder / "before")
+    gust = suggest._gust(folder / "before", None)["value"]
+    generator = np.random.default_rng(seed)
+    conditions, _ = suggest._conditions(aircraft, stored.model, gust, generator, _silent)
+    return Known(believed, stored.model, conditions, document, folder, seed)
 
 
 def _real(believed: Aircraft, generator: np.random.Generator) -> Aircraft:
@@ -146,7 +234,8 @@ def _real(believed: Aircraft, generator: np.random.Generator) -> Aircraft:
     return replace(believed, aerodynamics=aerodynamics)
 
 
-def _flight(believed: Aircraft, real: Aircraft, legs: Sequence[Leg], seed: int) -> Flight:
+def flight(believed: Aircraft, real: Aircraft, legs: Sequence[Leg], seed: int) -> Flight:
+    """In the gusts of all of these flights, from the targets of the first leg."""
     return Flight(
         believed=believed,
         flown=real,
@@ -158,6 +247,7 @@ def _flight(believed: Aircraft, real: Aircraft, legs: Sequence[Leg], seed: int) 
 
 
 def _identify(logs: list[Path], folder: Path, out: Path) -> None:
+    """As the command does it without options."""
     identify.run(
         logs,
         folder / "aircraft.toml",
@@ -165,20 +255,21 @@ def _identify(logs: list[Path], folder: Path, out: Path) -> None:
         segments=None,
         vehicle=None,
         stepwise=False,
+        method="auto",
         out=_made(out),
         progress=_silent,
     )
 
 
-def _weak(believed: Aircraft) -> list[Leg]:
+def weak(believed: Aircraft) -> list[Leg]:
     """Small doublets at one airspeed, a minute and a half."""
-    low, high = believed.envelope.airspeed
+    low, high = _allowed(believed).airspeed
     speed = low + 0.45 * (high - low)
     inputs = [
         TestInput(name, "doublet", 4.0 + 6.0 * index, 1.0, math.radians(2.0))
         for index, name in enumerate(believed.control_names)
     ]
-    height = believed.envelope.height_min + 60.0
+    height = _allowed(believed).height_min + 60.0
     return [
         Leg("out", 24.0, speed, height, 0.0, inputs=tuple(inputs)),
         Leg("turn", 14.0, speed, height, math.radians(170.0)),
@@ -186,25 +277,15 @@ def _weak(believed: Aircraft) -> list[Leg]:
     ]
 
 
-def _legs(
-    arm: str, document: dict, folder: Path, believed: Aircraft, seed: int
-) -> tuple[list[Leg], dict | None]:
-    """Legs of an arm, and the deviations that were foretold of it."""
+def _planned(arm: str, known: Known) -> Planned:
+    """What an arm flies, and what that should teach."""
+    believed = known.believed
     if arm == "suggested":
-        names = [step["maneuver"] for step in document["sortie"]["steps"] if step["share"] == 1.0]
-        entries = {item["name"]: item for item in document["maneuvers"]}
-        taken = _for_a_minute([(entries[name]["duration_s"], name) for name in names])
-        items = [
-            (entries[name], _columns(folder / "suggest" / entries[name]["csv"])) for name in taken
-        ]
-        runs = [
-            (entry["entry"]["airspeed"], entry["duration_s"], columns) for entry, columns in items
-        ]
-        return _flown(runs, believed), document["sortie"]["derivatives"]
+        return _suggested(known)
     if arm == "untuned":
-        return _flown(_untuned(believed), believed), None
+        return Planned(_flown(_untuned(believed), believed), None)
     wanted = ("multistep", "doublet") if arm == "well-timed" else ("all_multisine",)
-    pool = _planned(folder, wanted, seed)
+    pool = _pool(known, wanted)
     if arm == "d-optimal":
         pool = [max(pool, key=_determinant)]
     order = _for_a_minute([(item.recipe.duration, index) for index, item in enumerate(pool)] * 40)
@@ -217,7 +298,41 @@ def _legs(
         )
         for index in order
     ]
-    return _flown(runs, believed), None
+    return Planned(_flown(runs, believed), [pool[index].knowledge() for index in order])
+
+
+def _suggested(known: Known) -> Planned:
+    """The sortie's maneuvers at full size, from their files, as long as time lasts."""
+    document = known.document
+    names = [step["maneuver"] for step in document["sortie"]["steps"] if step["share"] == 1.0]
+    entries = {item["name"]: item for item in document["maneuvers"]}
+    taken = _for_a_minute([(entries[name]["duration_s"], name) for name in names])
+    columns = {name: _columns(known.folder / "suggest" / entries[name]["csv"]) for name in taken}
+    taught = {name: _taught(known, entries[name]) for name in columns}
+    runs = [
+        (entries[name]["entry"]["airspeed"], entries[name]["duration_s"], columns[name])
+        for name in taken
+    ]
+    return Planned(_flown(runs, known.believed), [taught[name] for name in taken])
+
+
+def _taught(known: Known, entry: dict[str, Any]) -> Knowledge:
+    """What a listed maneuver should teach: its recipe is sized again, and made as small as it is.
+
+    A document tells that of a coefficient's own deviations only, and of a sortie as a whole.
+    """
+    for at in known.conditions:
+        for recipe in recipes.every(at.place()):
+            if f"{recipe.name}_{at.trim.airspeed:.0f}mps" != entry["name"]:
+                continue
+            one = design.sized(at, recipe)
+            if isinstance(one, Maneuver):
+                share = (entry["share_of_full_size"] / one.share) ** 2
+                return {
+                    name: Added(share * item.information, item.samples)
+                    for name, item in one.knowledge().items()
+                }
+    raise ValueError(f"no recipe for {entry['name']}")
 
 
 def _for_a_minute(items: Sequence[tuple[float, object]]) -> list:
@@ -243,7 +358,7 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def _untuned(believed: Aircraft) -> list[tuple[float, float, dict[str, np.ndarray]]]:
-    low, high = believed.envelope.airspeed
+    low, high = _allowed(believed).airspeed
     speed = low + 0.45 * (high - low)
     one = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0], 25) * math.radians(3.0)
     two = np.repeat([1.0, -1.0], 25) * math.radians(3.0)
@@ -258,14 +373,10 @@ def _untuned(believed: Aircraft) -> list[tuple[float, float, dict[str, np.ndarra
         used, index = used + duration, index + 1
 
 
-def _planned(folder: Path, wanted: Sequence[str], seed: int) -> list[Maneuver]:
+def _pool(known: Known, wanted: Sequence[str]) -> list[Maneuver]:
     """Maneuvers of these names at the middle airspeed, as safe as the suggested ones."""
-    stored = model_store.load(folder / "before")
-    generator = np.random.default_rng(seed)
-    aircraft = suggest._aircraft(stored, folder / "before")
-    gust = suggest._gust(folder / "before", None)["value"]
-    found, _ = suggest._conditions(aircraft, stored.model, gust, generator, _silent)
-    at = found[0]
+    generator = np.random.default_rng(known.seed)
+    at = known.conditions[0]
     made = []
     for recipe in recipes.every(at.place()):
         if any(recipe.name.endswith(name) for name in wanted):
@@ -288,7 +399,7 @@ def _flown(
     runs: Sequence[tuple[float, float, dict[str, np.ndarray]]], believed: Aircraft
 ) -> list[Leg]:
     """Two runs a leg, legs out and back."""
-    height = believed.envelope.height_min + 60.0
+    height = _allowed(believed).height_min + 60.0
     legs: list[Leg] = []
     for place in range(0, len(runs), 2):
         heading = math.radians(0.0 if place % 4 == 0 else 170.0)
@@ -306,47 +417,10 @@ def _flown(
     return legs
 
 
-def _score(folder: Path, real: Aircraft, foretold: dict | None) -> dict:
-    """Error and deviation over the size of each primary derivative, root mean square."""
-    model = model_store.load(folder).model
-    errors, deviations, ratios = [], [], []
-    for name, keys in PRIMARY.items():
-        fit = model.fits.get(name)
-        for key in keys:
-            if fit is None or key not in fit.keys or key not in real.aerodynamics[name].terms:
-                continue
-            index = fit.keys.index(key)
-            true = real.aerodynamics[name].terms[key].value
-            errors.append(abs(float(fit.value[index]) - true) / abs(true))
-            deviations.append(float(fit.deviation[index]) / abs(true))
-            if foretold is not None:
-                ratios.append(float(fit.deviation[index]) / foretold[name][key]["sd_after"])
-    return {
-        "error": float(np.mean(errors)),
-        "sd": float(np.mean(deviations)),
-        "ratio": float(np.median(ratios)) if ratios else None,
-    }
-
-
-def _excursions(truth: record.Truth, legs: Sequence[Leg], believed: Aircraft) -> dict:
-    """Runs during which the aircraft left the envelope in truth."""
-    allowed = believed.envelope
-    limits = {"V": allowed.airspeed, "alpha": allowed.alpha, "beta": allowed.beta}
-    limits["phi"] = (-allowed.bank, allowed.bank)
-    left = runs = 0
-    begins = 0.0
-    for leg in legs:
-        rows = slice(round(50.0 * begins), round(50.0 * (begins + leg.duration)))
-        begins += leg.duration
-        if not leg.inputs:
-            continue
-        runs += 1
-        outside = False
-        for name, (low, high) in limits.items():
-            values = truth.column(name)[rows]
-            outside |= bool(np.any((values < low) | (values > high)))
-        left += outside
-    return {"left": left, "runs": runs}
+def _allowed(aircraft: Aircraft) -> Envelope:
+    if aircraft.envelope is None:
+        raise ValueError(f"{aircraft.name} has no envelope")
+    return aircraft.envelope
 
 
 def _made(folder: Path) -> Path:

@@ -1,0 +1,174 @@
+"""What a flight brought: error and deviation of the moments' derivatives, and limits that it broke.
+
+Of a deviation only what a flight can change counts: noise and errors of the regressors. The hidden
+aircraft has the file's mass and inertia, but nobody is told that: each derivative of a moment stays
+as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.atmosphere import GRAVITY
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.maneuvers import information
+from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.offline import servo_outputs
+from gcs_sysid.reconstruct.control_history import SERVO_STREAM
+from gcs_sysid.recording import Recording
+from gcs_sysid.sitl.autopilot import PERIOD
+from gcs_sysid.sitl.plan import Leg
+from gcs_sysid.sitl.truth import Truth
+
+PRIMARY = {
+    "Cl": ("phat", "aileron", "beta"),
+    "Cm": ("alpha", "qhat", "elevator"),
+    "Cn": ("beta", "rhat", "rudder"),
+}
+"""Derivatives of the moments that are scored, where the aircraft has them."""
+STOP = 2.0
+"""So near to the end of its range a pulse is at it [µs]."""
+Deviations = dict[str, dict[str, float]]
+
+
+def score(
+    model: AeroModel, real: Aircraft, foretold: Deviations | None, *, inside_filter: bool
+) -> dict[str, Any]:
+    """Error and deviation over the size of each primary derivative, means of them.
+
+    Args:
+        model: identified from both flights.
+        real: the aircraft that flew.
+        foretold: deviations by `foretell`; the ratio to them is a median.
+        inside_filter: whether the filter found the model.
+    """
+    errors, deviations, ratios = [], [], []
+    for name, keys in PRIMARY.items():
+        fit = model.fits.get(name)
+        for key in keys:
+            if fit is None or key not in fit.keys or key not in real.aerodynamics[name].terms:
+                continue
+            index = fit.keys.index(key)
+            true = real.aerodynamics[name].terms[key].value
+            errors.append(abs(float(fit.value[index]) - true) / abs(true))
+            reached = _without_scale(fit) if inside_filter else changeable(fit)
+            deviations.append(float(reached[index]) / abs(true))
+            if foretold is not None:
+                ratios.append(float(changeable(fit)[index]) / foretold[name][key])
+    return {
+        "error": float(np.mean(errors)),
+        "sd": float(np.mean(deviations)),
+        "ratio": float(np.median(ratios)) if ratios else None,
+    }
+
+
+def changeable(fit: CoefficientFit) -> np.ndarray:
+    """Deviation of each term by noise and errors of the regressors, nothing believed before."""
+    nothing = np.zeros(len(fit.keys))
+    noise, regressor = (fit.deviations.get(one, nothing) for one in ("noise", "regressor"))
+    return np.hypot(noise, regressor)
+
+
+def _without_scale(fit: CoefficientFit) -> np.ndarray:
+    """Deviation of each term without what mass and inertia add.
+
+    The filter adds that last. Its `noise` is of the flight without the prior, and where a weak one
+    does not see a direction, far larger than what is known.
+    """
+    scale = fit.deviations["scale"]
+    return np.sqrt(np.maximum(fit.deviation**2 - scale**2, 0.0))
+
+
+def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
+    """The same deviations once these maneuvers were flown, as `suggest` reckons.
+
+    It tells whole variances, 1/(1/(c² + s²) + p): c is what a flight can change, s by mass and
+    inertia, p what was believed. The first is told from these.
+    """
+    known = information.nothing(model)
+    for more in flown:
+        known = information.with_more(known, more)
+    return {
+        name: dict(zip(fit.keys, _later(fit, known[name]).tolist(), strict=True))
+        for name, fit in model.fits.items()
+    }
+
+
+def _later(fit: CoefficientFit, added: Added) -> np.ndarray:
+    now = np.diagonal(fit.covariance)
+    scale = np.asarray(fit.deviations.get("scale", np.zeros(now.size))) ** 2
+    believed = np.maximum(1.0 / now - 1.0 / (changeable(fit) ** 2 + scale), 0.0)
+    after = np.diagonal(information.covariance(fit, added))
+    return np.sqrt(np.maximum(1.0 / (1.0 / after - believed) - scale, 1e-300))
+
+
+def excursions(
+    truth: Truth, recording: Recording, legs: Sequence[Leg], believed: Aircraft
+) -> dict[str, Any]:
+    """Runs during which the aircraft left the envelope in truth, or a surface met its stop.
+
+    Args:
+        truth: of the flight.
+        recording: of the same; its servo outputs tell what was asked of the surfaces.
+        legs: as flown; those with inputs are runs.
+        believed: the aircraft, whose envelope and whose servos' ranges these are.
+    """
+    motion, asked = _motion(truth, believed, legs[0].height), _at_stops(truth, recording, believed)
+    left, broken = [], set()
+    runs, begins = 0, 0.0
+    for leg in legs:
+        ends = begins + leg.duration
+        if leg.inputs:
+            runs += 1
+            rows = slice(round(begins / PERIOD), round(ends / PERIOD))
+            limits = [
+                name
+                for name, (values, low, high) in motion.items()
+                if np.any((values[rows] < low) | (values[rows] > high))
+            ]
+            limits += [
+                f"travel of {surface}"
+                for surface, times in asked.items()
+                if np.any((times >= begins) & (times < ends))
+            ]
+            left.append(bool(limits))
+            broken.update(limits)
+        begins = ends
+    return {"left": sum(left), "runs": runs, "limits": sorted(broken)}
+
+
+def _motion(
+    truth: Truth, aircraft: Aircraft, height: float
+) -> dict[str, tuple[np.ndarray, float, float]]:
+    """Each limited quantity and its limits [m/s, rad, g, m]; recordings begin on the first leg."""
+    allowed = aircraft.envelope
+    if allowed is None:
+        raise ValueError(f"{aircraft.name} has no envelope")
+    weight = aircraft.mass.mass * GRAVITY
+    lift = -truth.column("CZ") * truth.column("qbar") * aircraft.geometry.wing_area
+    climbed = np.cumsum(-truth.column("v_down")) * PERIOD
+    return {
+        "airspeed": (truth.column("V"), *allowed.airspeed),
+        "alpha": (truth.column("alpha"), *allowed.alpha),
+        "beta": (truth.column("beta"), *allowed.beta),
+        "bank": (truth.column("phi"), -allowed.bank, allowed.bank),
+        "load_factor": (lift / weight, *allowed.load_factor),
+        "height": (height + climbed, allowed.height_min, np.inf),
+    }
+
+
+def _at_stops(truth: Truth, recording: Recording, aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """When each surface was asked for all its travel [s of the truth]: autopilots cut there."""
+    stream = recording.streams[SERVO_STREAM]
+    late = (truth.t0_us - recording.epoch_us) * 1e-6
+    found = {}
+    for servo in aircraft.servos:
+        time, sent = servo_outputs.pulses(stream, (servo.channel,))
+        pulse = sent[servo.channel]
+        stopped = (pulse <= min(servo.pwm) + STOP) | (pulse >= max(servo.pwm) - STOP)
+        found[servo.surface] = time[stopped] - late
+    return found
