@@ -405,25 +405,29 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
         felt = departures.turned(felt, by)
         sensed = departures.turned(rate, by) * (1.0 + by.gyro_scale)
 
-    def shifted(group: int, delay: Float[Array, ""]) -> State:
+    def shifted(group: int, delay: Float[Array, ""]) -> tuple[State, Float[Array, " axis"]]:
         by = row.measured.age[group] - delay
-        return state._replace(
+        at = state._replace(
             attitude=frames.multiply(
                 state.attitude, frames.exponential(by * rate + 0.5 * by * by * change.rate)
             ),
             velocity=state.velocity + by * change.velocity,
         )
+        return at, rate + by * change.rate
 
-    def flow(at: State, place: Float[Array, " axis"]) -> tuple[Array, Array, Array]:
-        return through_air(aircraft, means, at, row, rate, place)
+    def flow(
+        then: tuple[State, Float[Array, " axis"]], place: Float[Array, " axis"]
+    ) -> tuple[Array, Array, Array]:
+        at, turning = then
+        return through_air(aircraft, means, at, row, turning, place)
 
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), jnp.asarray(aircraft.pitot.position))
     late = row.measured.age[0] - errors.airspeed_delay
     shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
     lag = aircraft.pitot.error.lag + errors.airspeed_lag
     speed = speed + lag / TUBE * (shown - speed)
-    tracked = shifted(1, errors.velocity_delay)
-    turned = shifted(2, errors.attitude_delay).attitude
+    tracked, _ = shifted(1, errors.velocity_delay)
+    turned = shifted(2, errors.attitude_delay)[0].attitude
     turned = told(turned, errors)
     expected = frames.multiply(frames.exponential(source), turned)
     vanes = aircraft.vanes.position if aircraft.vanes is not None else aircraft.imu.position

@@ -11,116 +11,10 @@ import pytest
 import scipy.linalg
 
 from gcs_sysid import frames
-from gcs_sysid.aircraft import (
-    Aircraft,
-    CoefficientModel,
-    Control,
-    Geometry,
-    Imu,
-    Mass,
-    Pitot,
-    Servo,
-    Value,
-)
-from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.model import aided, aided_linear, rigid_body
-from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Noise, Row, Sensors, State
-from gcs_sysid.model.air import Air, Turbulence
-from gcs_sysid.model.kinematics import Measurements
-
-STONE = Aircraft(
-    name="a stone with an elevator",
-    mass=Mass(11.0, 0.82, 1.13, 1.76, Ixz=0.12, cg=(0.03, 0.0, 0.01)),
-    geometry=Geometry(0.55, 2.9, 0.19),
-    imu=Imu(position=(0.13, 0.02, -0.05)),
-    pitot=Pitot(position=(0.5, -0.3, 0.0)),
-    servos=(Servo(2, "elevator", (1000.0, 2000.0), (-0.5, 0.5)),),
-    controls=(Control("elevator", {"elevator": 1.0}),),
-)
-TERMS = {
-    "CZ": {"1": -0.2, "alpha": -5.0},
-    "Cm": {"alpha": -1.5, "qhat": -20.0, "elevator": -1.0},
-    "Cl": {"phat": -0.4},
-}
-FLYING = replace(
-    STONE,
-    aerodynamics={
-        name: CoefficientModel({key: Value(value, 0.1) for key, value in terms.items()})
-        for name, terms in TERMS.items()
-    },
-)
-NOISE = Noise(
-    Turbulence(
-        gust=jnp.array([1.0, 1.5, 2.0]),
-        gust_length=jnp.full(3, 20.0),
-        spin=jnp.array([0.05, 0.07, 0.1]),
-        spin_length=jnp.full(3, 20.0),
-        coupling=jnp.array([0.2, 0.3]),
-        azimuth=jnp.asarray(0.4),
-    ),
-    *(jnp.asarray(0.1), jnp.full(3, 0.1), jnp.full(2, 0.01), jnp.array([20.0, 40.0])),
-    *(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(4.0), jnp.asarray(0.03)),
-    jnp.asarray(1e-3),
-    *(jnp.asarray(0.01), jnp.asarray(0.1), jnp.asarray(0.3)),
-    *(jnp.full(2, 0.1), jnp.full(2, 0.001), jnp.asarray(0.01)),
-)
-
-
-def means(aircraft: Aircraft) -> Means:
-    zero, pair = jnp.zeros(()), jnp.zeros(2)
-    sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6, pair)
-    return Means(rigid_body.parameters(aircraft).aerodynamics, sensors)
-
-
-def state() -> State:
-    return State(
-        attitude=frames.quaternion_from_euler(jnp.array([0.2, 0.1, -2.0])),
-        velocity=jnp.array([-9.0, -20.0, 1.0]),
-        rate=jnp.array([0.3, -0.2, 0.1]),
-        tube=jnp.array([21.0]),
-        air=Air(
-            jnp.array([2.0, -1.0, 0.1]),
-            jnp.array([0.5, 0.3, -0.8]),
-            jnp.array([0.05, 0.02, 0.0]),
-            jnp.array([0.2, -0.1, 0.4]),
-        ),
-        attitude_error=jnp.array([0.005, -0.003, 0.01]),
-        push=jnp.array([0.2]),
-        velocity_error=jnp.array([0.05, -0.02, 0.03]),
-        airspeed_error=jnp.array([0.15]),
-        gyro_error=jnp.array([0.001, -0.002, 0.0015]),
-    )
-
-
-SPEED = 20.0
-"""At which gusts are passed [m/s]."""
-
-
-def row(step: float) -> Row:
-    return Row(
-        step=jnp.asarray(step),
-        controls=jnp.full((3, 1), -0.03),
-        control_slopes=jnp.zeros((3, 1)),
-        control_changes=jnp.zeros((3, 1, 0)),
-        settings=jnp.zeros((3, 0)),
-        setting_changes=jnp.zeros((3, 0, 0)),
-        density=jnp.asarray(1.2),
-        height=jnp.asarray(100.0),
-        climbed=jnp.asarray(0.0),
-        passing=jnp.asarray(SPEED),
-        gyro=jnp.zeros(3),
-        accelerometer=jnp.zeros(3),
-        inertial=jnp.asarray(True),
-        modelled=jnp.asarray(True),
-        measured=Measurements(
-            airspeed=jnp.zeros(1),
-            velocity=jnp.zeros(3),
-            attitude=jnp.array([1.0, 0.0, 0.0, 0.0]),
-            vanes=jnp.zeros(2),
-            valid=jnp.array([True, True, True, False]),
-            age=jnp.zeros(4),
-        ),
-    )
+from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Row, State
+from gcs_sysid.model.air import Air
+from tests.model.made_aided import FLYING, NOISE, SPEED, STONE, means, row, state
 
 
 def test_difference_undoes_compose() -> None:
@@ -228,17 +122,6 @@ def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
     left = aided.innovation(stated, half, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
-
-
-def test_a_late_stream_is_compared_with_where_the_aircraft_was() -> None:
-    """Free fall: velocity 0.1 s ago was less by 0.1 g downward."""
-    now = state()._replace(rate=jnp.zeros(3), push=jnp.zeros(1))
-    known = means(STONE)
-    late = known._replace(sensors=known.sensors._replace(velocity_delay=jnp.asarray(0.1)))
-    change = np.asarray(
-        aided.innovation(STONE, late, now, row(0.0)) - aided.innovation(STONE, known, now, row(0.0))
-    )
-    np.testing.assert_allclose(change[ROWS["velocity"]], [0.0, 0.0, 0.1 * GRAVITY], atol=1e-12)
 
 
 @jax.jit
