@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
-from gcs_sysid.model import air
+from gcs_sysid.model import air, departures
 from gcs_sysid.model.aided import (
     AIRSPEED_TIME,
     BLOCKS,
@@ -157,8 +157,8 @@ def jacobian(
 ) -> Float[Array, "state state"]:
     """Rate of change of an error state with the error state, but for what decays by itself.
 
-    Wind and gust act through the velocity through the air only, so that their columns are those of
-    the velocity over ground.
+    Wind and gust act through the velocity through the air only, so that their columns come from
+    those of the velocity over ground.
     """
     parts = ("attitude", "velocity", "rate", "spin")
 
@@ -173,7 +173,8 @@ def jacobian(
 
     found, rate = jax.jacfwd(moved, has_aux=True)(jnp.zeros(3 * len(parts)))
     columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
-    columns["wind"] = columns["gust"] = -columns["velocity"]
+    columns["gust"] = -columns["velocity"]
+    columns["wind"] = columns["gust"] @ _grown(means, state, row)
     matrix = jnp.zeros((SIZE, SIZE))
     for name, column in columns.items():
         matrix = matrix.at[:MOVING, BLOCKS[name]].set(column)
@@ -182,6 +183,14 @@ def jacobian(
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
     matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
     return matrix.at[BLOCKS["tube"], BLOCKS["tube"]].set(-1.0 / TUBE)
+
+
+def _grown(means: Means, state: State, row: Row) -> Float[Array, "axis axis"]:
+    """How the wind where the aircraft is changes with the steady wind below it."""
+    by = means.departures
+    if by is None:
+        return jnp.eye(3)
+    return jax.jacfwd(lambda wind: departures.sheared(wind, by, row.climbed))(state.air.wind)
 
 
 def half_transition(
@@ -239,7 +248,8 @@ def _seen(
     columns = dict(zip(parts, jnp.split(-found, ends[:-1], axis=1), strict=True))
     # Of the velocity over ground, all but its own measurement comes from the air.
     through = columns["velocity"].at[ROWS["velocity"]].add(-jnp.eye(3))
-    columns["wind"] = columns["gust"] = -through
+    columns["gust"] = -through
+    columns["wind"] = columns["gust"] @ _grown(means, state, row)
     # Of the other errors, each is what its sensor tells too much.
     for name in ("gyro", "airspeed", "velocity"):
         columns[f"{name}_error"] = jnp.eye(ROW_COUNT)[:, ROWS[name]]

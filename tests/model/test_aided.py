@@ -157,29 +157,6 @@ def test_the_transition_is_that_of_the_scheme_to_third_order() -> None:
     assert np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine)) > 2.7
 
 
-def test_sensitivities_are_differences_of_the_innovation() -> None:
-    known, sample = means(FLYING), row(0.02)
-    lag = known.sensors._replace(moment_lag=jnp.asarray(0.004), velocity_delay=jnp.asarray(0.1))
-    known = known._replace(sensors=lag)
-    after, found = stepped(known, state(), sample)
-    assert not np.asarray(found.present)[ROWS["vanes"]].any()
-    np.testing.assert_array_equal(np.asarray(found.sensitivity)[ROWS["vanes"]], 0.0)
-
-    @jax.jit
-    def left(error: jax.Array) -> jax.Array:
-        return aided.innovation(FLYING, known, aided.compose(after, error), sample)
-
-    for column in range(aided.SIZE):
-        error = jnp.zeros(aided.SIZE).at[column].set(1e-5)
-        change = -np.asarray(left(error) - left(-error)) / 2e-5
-        expected = np.where(found.present, change, 0.0)
-        # Central differences: second order in 1e-5 on curvatures of up to 1e3.
-        np.testing.assert_allclose(found.sensitivity[:, column], expected, atol=1e-6)
-    spread = np.asarray(found.process)
-    np.testing.assert_allclose(spread, spread.T, atol=1e-18)
-    assert np.linalg.eigvalsh(spread).min() > -1e-15
-
-
 def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     """Van Loan (IEEE Trans. Automatic Control 23, 1978): both from one matrix exponential."""
     rng = np.random.default_rng(8)
