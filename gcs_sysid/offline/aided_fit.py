@@ -387,7 +387,10 @@ def _beliefs(item: _Prepared, centre: Unknowns, known: Float[np.ndarray, "key ke
     ):
         spread.setdefault(name, {})[key] = float(np.sqrt(value))
     vanes = bool(np.asarray(item.rows.rows.measured.valid)[:, 3].any())
-    prior, sigma = aided_flight.beliefs(item.first, item.one.aircraft, vanes=vanes, known=spread)
+    used = item.one.reconstruction.data.used
+    prior, sigma = aided_flight.beliefs(
+        item.first, item.one.aircraft, used=used, vanes=vanes, known=spread
+    )
     covariance = np.diag(np.asarray(ravel_pytree(sigma.means)[0]) ** 2)
     common = in_common.places(means)
     covariance[np.ix_(common, common)] = known
@@ -404,7 +407,7 @@ def _smoothed(
     states, done = aided_smoother.iterated(
         model, *unknowns, item.rows.rows, item.rows.nominal, item.rows.beginning, rounds=4
     )
-    kept = aided_flight.kept_rows(item.one.reconstruction)
+    kept = aided_flight.kept_rows(item.rows.rows)
     late = unknowns.means.sensors.surface_delay
     stated = item.one.aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     return aided_states.refined(

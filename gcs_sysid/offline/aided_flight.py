@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gcs_sysid import frames
-from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value
+from gcs_sysid.aircraft import Aircraft, CoefficientModel, StreamTiming, Value, Vanes
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.model import actuators, aided, air, runge_kutta
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.kinematics import Measurements
-from gcs_sysid.offline import servo_outputs
+from gcs_sysid.offline import modes, servo_outputs
 from gcs_sysid.offline.flight import SERVO_STREAM, setting
 from gcs_sysid.offline.servo_outputs import control_channels, pulses
 from gcs_sysid.reconstruct import measurements
@@ -28,8 +28,16 @@ from gcs_sysid.recording import Recording
 
 HOLE = 1.5
 """A step longer than this many usual ones is a hole, and is filled with rows without data."""
+STEP_SHARE = 0.7
+"""Of the fastest mode's 1/|λ|, that a row's step h may take. The scheme's growth over a step is off
+e^(λh) by (λh)⁵/120, so that a mode is faster or slower by (λh)⁴/120 of itself: here 0.2 %, of a
+mode half as fast again as guessed 1 %. No flight tells a damping so well."""
 LONGEST_STEP = 0.034
-"""Of one row [s]: two thirds of the roll mode's time constant of a small aircraft."""
+"""Of one row [s] whatever the aircraft: what moves gusts and surfaces is looked up so often."""
+SHORTEST_STEP = 0.005
+"""Of one row [s]: a file whose modes ask for less is wrong, and its rows would be endless."""
+QUICK = 0.95
+"""Quantile of the airspeed for which steps are chosen."""
 SLOPE_STEP = 2e-3
 """Shift [s] of the surfaces from which their change with delay is taken: into the past only. What
 an autopilot commands at a sample answers the noise of that very sample; in the sensitivities it
@@ -51,6 +59,12 @@ LOWEST = 30.0
 """A log whose usual height is less [m] began in the air, and does not tell the height."""
 USUAL = 120.0
 """Height [m] that is then taken for the gusts: up to which small aircraft may fly."""
+GYRO_BIAS, ACCELEROMETER_BIAS = 0.01, 0.1
+"""One standard deviation [rad/s, m/s²], where the aircraft file does not say."""
+AIRSPEED_SCALE, VANE_SCALE = 0.03, 0.1
+"""Likewise, relative."""
+VANE_BIAS = 0.035
+"""Likewise [rad]: two degrees."""
 MOMENT_LAG = 0.01
 """One standard deviation [s]: a chord or two of flight."""
 AIRSPEED_LAG = 0.1
@@ -103,7 +117,7 @@ def prepare(
         late: delay of the surfaces beyond the file's [s] about which `Row.control_slopes` are
             taken: commands come in steps, and over some milliseconds surfaces turn corners.
     """
-    kept, time = _without_holes(states.time)
+    kept, time = _without_holes(states.time, longest_step(aircraft, states))
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
     moments = before[:, None] + (time - HAIR - before)[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
@@ -161,9 +175,20 @@ def _passing(states: Reconstruction) -> Float[np.ndarray, " sample"]:
     return np.linalg.norm(states.block("velocity") - states.block("wind"), axis=1)
 
 
-def kept_rows(states: Reconstruction) -> np.ndarray:
+def longest_step(aircraft: Aircraft, states: Reconstruction) -> float:
+    """Longest step of a row [s], by the fastest mode of an ordinary aircraft of this mass and size.
+
+    Surfaces do not count: they are looked up as their servos follow the commands, and integrated
+    within a step. Nor do gusts, whose correlation times are not known to more than a few per cent.
+    """
+    equivalent = states.airspeed * np.sqrt(states.density / modes.DENSITY)
+    quick = float(np.quantile(equivalent, QUICK))
+    return float(np.clip(STEP_SHARE / modes.fastest(aircraft, quick), SHORTEST_STEP, LONGEST_STEP))
+
+
+def kept_rows(rows: Row) -> np.ndarray:
     """Rows of `prepare` that are samples of the flight, in their order."""
-    return _without_holes(states.time)[0]
+    return np.flatnonzero(rows.inertial)
 
 
 def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
@@ -259,34 +284,25 @@ def _white(signal: Float[np.ndarray, "sample axis"]) -> float:
 
 
 def beliefs(
-    first: Unknowns, aircraft: Aircraft, *, vanes: bool, known: Mapping[str, Mapping[str, float]]
+    first: Unknowns,
+    aircraft: Aircraft,
+    *,
+    used: Mapping[str, str],
+    vanes: bool,
+    known: Mapping[str, Mapping[str, float]],
 ) -> tuple[Unknowns, Unknowns]:
     """Prior means and standard deviations; departures from the file are held at none.
 
     Args:
         first: where the search begins; intensities are believed within factors of it.
-        aircraft: what its file says of the sensors.
+        aircraft: what its file says of the sensors; what it says is exact is held.
+        used: stream behind each kind of measurement.
         vanes: whether flow vanes were recorded.
         known: standard deviation of each derivative; infinite for none.
     """
     zeros = jax.tree.map(jnp.zeros_like, first.means.sensors)
-    servo = aircraft.streams.get(SERVO_STREAM, StreamTiming())
+    sensors = _sensor_deviations(aircraft, used, vanes=vanes)
     flow = 1.0 if vanes else 0.0
-    sensors = Sensors(
-        gyro_bias=jnp.full(3, 0.01),
-        accelerometer_bias=jnp.full(3, 0.1),
-        airspeed_scale=jnp.asarray(aircraft.pitot.error.scale_sigma or 0.03),
-        airspeed_lag=jnp.asarray(aircraft.pitot.error.lag_sigma or AIRSPEED_LAG),
-        vane_bias=jnp.full(2, 0.035 * flow),
-        vane_scale=jnp.full(2, 0.1 * flow),
-        surface_delay=jnp.asarray(servo.sigma or 0.1),
-        moment_lag=jnp.asarray(MOMENT_LAG),
-        airspeed_delay=jnp.asarray(0.1),
-        velocity_delay=jnp.asarray(0.1),
-        attitude_delay=jnp.asarray(0.05),
-        vane_delay=jnp.asarray(0.05 * flow),
-        attitude_tilt=jnp.full(2, aided.ATTITUDE_TILT),
-    )
     wide = jax.tree.map(lambda value: jnp.full_like(value, 2.0), first.log_noise)
     span = aircraft.geometry.wing_span
     turbulence = wide.turbulence._replace(
@@ -316,16 +332,53 @@ def beliefs(
     )
 
 
+def _sensor_deviations(aircraft: Aircraft, used: Mapping[str, str], *, vanes: bool) -> Sensors:
+    """What the aircraft file says of the sensors' errors, and what is usual where it says nothing.
+
+    The inertial unit's scale and the pitot tube's bias are not among the model's unknowns.
+    """
+
+    def stated(sigma: float | None, usual: float) -> float:
+        return usual if sigma is None else sigma
+
+    def delay(stream: str, usual: float) -> float:
+        return stated(aircraft.streams.get(stream, StreamTiming()).sigma, usual)
+
+    unit, pitot = aircraft.imu, aircraft.pitot.error
+    flow = Vanes() if aircraft.vanes is None else aircraft.vanes
+    there = 1.0 if vanes else 0.0
+    pair = (flow.alpha, flow.beta)
+    return Sensors(
+        gyro_bias=jnp.full(3, stated(unit.gyro.bias_sigma, GYRO_BIAS)),
+        accelerometer_bias=jnp.full(3, stated(unit.accelerometer.bias_sigma, ACCELEROMETER_BIAS)),
+        airspeed_scale=jnp.asarray(stated(pitot.scale_sigma, AIRSPEED_SCALE)),
+        airspeed_lag=jnp.asarray(stated(pitot.lag_sigma, AIRSPEED_LAG)),
+        vane_bias=there * jnp.array([stated(one.bias_sigma, VANE_BIAS) for one in pair]),
+        vane_scale=there * jnp.array([stated(one.scale_sigma, VANE_SCALE) for one in pair]),
+        surface_delay=jnp.asarray(delay(SERVO_STREAM, 0.1)),
+        moment_lag=jnp.asarray(MOMENT_LAG),
+        airspeed_delay=jnp.asarray(delay(used.get("airspeed", ""), 0.1)),
+        velocity_delay=jnp.asarray(delay(used.get("velocity", ""), 0.1)),
+        attitude_delay=jnp.asarray(delay(used.get("attitude", ""), 0.05)),
+        vane_delay=jnp.asarray(there * delay(used.get("vanes", ""), 0.05)),
+        attitude_tilt=jnp.full(2, aided.ATTITUDE_TILT),
+    )
+
+
 def _without_holes(
-    time: Float[np.ndarray, " sample"],
+    time: Float[np.ndarray, " sample"], longest: float
 ) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:
     """Rows of the samples among all rows, and the times of all rows.
 
     Slow telemetry is stepped through in as many steps as the fastest mode asks for.
+
+    Args:
+        time: of the samples [s].
+        longest: step of a row, give or take a tenth of it for a clock that is not quite [s].
     """
     steps = np.diff(time)
     usual = float(np.median(steps))
-    parts = int(np.ceil(usual / LONGEST_STEP - 0.1))
+    parts = max(int(np.ceil(usual / longest - 0.1)), 1)
     added = np.where(steps > HOLE * usual, parts * np.rint(steps / usual).astype(int), parts)
     row = np.concatenate([[0], np.cumsum(added)])
     return row, np.interp(np.arange(row[-1] + 1), row, time)

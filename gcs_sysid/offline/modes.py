@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_sysid.aircraft import Aircraft, CoefficientModel
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate import first_guess
 from gcs_sysid.reconstruct.airborne import Interval
 from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS
 from gcs_sysid.recording import Recording
@@ -24,6 +25,13 @@ SLOWEST = 5.0
 """Samples per period below which a mode is not seen: its phase is lost."""
 SLOWEST_EVER = 8.0
 """Rate [Hz] below which nothing is tried without an aircraft file."""
+DAMPED: Mapping[str, tuple[str, ...]] = {
+    "CZ": ("alpha",),
+    "Cl": ("phat",),
+    "Cm": ("alpha", "qhat"),
+    "Cn": ("beta",),
+}
+"""Derivatives that modes live by."""
 DENSITY = 1.225
 """Sea level [kg/m³]; airspeeds are equivalent ones."""
 
@@ -111,7 +119,11 @@ def modes(
     if not aircraft.aerodynamics or speed is None:
         return result
     by_axis = dict(result.by_axis)
-    for axis, frequency in _from_file(aircraft, speed).items():
+    values = {
+        name: {key: term.value for key, term in model.terms.items()}
+        for name, model in aircraft.aerodynamics.items()
+    }
+    for axis, frequency in _frequencies(aircraft, values, speed).items():
         if np.isfinite(frequency) and frequency > 0.0:
             by_axis[axis] = (by_axis[axis][0], frequency)
     return Modes(by_axis, f"from {aircraft.name}'s derivatives")
@@ -141,17 +153,36 @@ def _airspeed(recording: Recording, flights: tuple[Interval, ...]) -> float | No
     return float(np.median(values[inside])) if inside.any() else None
 
 
-def _from_file(aircraft: Aircraft, speed: float) -> dict[str, float]:
+def fastest(aircraft: Aircraft, speed: float) -> float:
+    """Size of the fastest root of roll mode, short period and dutch roll [1/s].
+
+    Of this mass and size with the derivatives of an ordinary aircraft: whoever identifies without
+    a prior may not look at the file's. Good to a factor of one and a half.
+
+    Args:
+        aircraft: mass, inertia and geometry.
+        speed: equivalent airspeed [m/s].
+    """
+    usual = first_guess.derivatives(aircraft, DAMPED)
+    lift, damping = _pitching(aircraft, usual, speed)
+    frequency = {
+        axis: 2.0 * np.pi * one for axis, one in _frequencies(aircraft, usual, speed).items()
+    }
+    short_period = np.roots([1.0, lift + damping, frequency["pitch"] ** 2])
+    return float(max(np.abs(short_period).max(), frequency["roll"], frequency["yaw"]))
+
+
+Derivatives = Mapping[str, Mapping[str, float]]
+
+
+def _frequencies(aircraft: Aircraft, values: Derivatives, speed: float) -> dict[str, float]:
     """Frequencies [Hz] of the classical approximations (Etkin & Reid 1996, ch. 6)."""
     wing, mass = aircraft.geometry, aircraft.mass
     force = 0.5 * DENSITY * speed**2 * wing.wing_area
-    lift = -_derivative(aircraft, "CZ", "alpha") * force / (mass.mass * speed)
-    stiffness = -_derivative(aircraft, "Cm", "alpha") * force * wing.mean_chord / mass.Iyy
-    damping = (
-        -_derivative(aircraft, "Cm", "qhat") * force * wing.mean_chord**2 / (2.0 * speed * mass.Iyy)
-    )
-    roll = -_derivative(aircraft, "Cl", "phat") * force * wing.wing_span**2 / (2.0 * speed)
-    weathercock = _derivative(aircraft, "Cn", "beta") * force * wing.wing_span / mass.Izz
+    lift, damping = _pitching(aircraft, values, speed)
+    stiffness = -_derivative(values, "Cm", "alpha") * force * wing.mean_chord / mass.Iyy
+    roll = -_derivative(values, "Cl", "phat") * force * wing.wing_span**2 / (2.0 * speed)
+    weathercock = _derivative(values, "Cn", "beta") * force * wing.wing_span / mass.Izz
     return {
         "pitch": float(np.sqrt(max(stiffness + damping * lift, 0.0))) / (2.0 * np.pi),
         "roll": roll / mass.Ixx / (2.0 * np.pi),
@@ -159,6 +190,14 @@ def _from_file(aircraft: Aircraft, speed: float) -> dict[str, float]:
     }
 
 
-def _derivative(aircraft: Aircraft, coefficient: str, regressor: str) -> float:
-    model = aircraft.aerodynamics.get(coefficient, CoefficientModel())
-    return model.terms[regressor].value if regressor in model.terms else 0.0
+def _pitching(aircraft: Aircraft, values: Derivatives, speed: float) -> tuple[float, float]:
+    """How fast lift takes away an angle of attack, and damping a pitch rate [1/s]."""
+    wing, mass = aircraft.geometry, aircraft.mass
+    force = 0.5 * DENSITY * speed**2 * wing.wing_area
+    lift = -_derivative(values, "CZ", "alpha") * force / (mass.mass * speed)
+    damping = -_derivative(values, "Cm", "qhat") * force * wing.mean_chord**2 / (2.0 * speed)
+    return lift, damping / mass.Iyy
+
+
+def _derivative(values: Derivatives, coefficient: str, regressor: str) -> float:
+    return values.get(coefficient, {}).get(regressor, 0.0)

@@ -158,7 +158,8 @@ def believed(subject: Subject, found: Quantities, *, vanes: bool) -> Beliefs:
     )
     bare = subject.first._replace(means=means._replace(departures=None))
     known = {name: dict.fromkeys(terms, 1.0) for name, terms in means.aerodynamics.items()}
-    _, spread = aided_flight.beliefs(bare, found.aircraft, vanes=vanes, known=known)
+    used = subject.one.reconstruction.data.used
+    _, spread = aided_flight.beliefs(bare, found.aircraft, used=used, vanes=vanes, known=known)
     return Beliefs(mean, np.diag(sigma**2), Prior(subject.first.log_noise, spread.log_noise))
 
 
@@ -271,7 +272,7 @@ def states(
         subject.rows.beginning,
         rounds=3,
     )
-    kept = aided_flight.kept_rows(subject.one.reconstruction)
+    kept = aided_flight.kept_rows(subject.rows.rows)
     at = jax.tree.map(lambda part: jnp.asarray(np.asarray(part)[kept]), nominal)
     return found, at, np.asarray(smoothed.covariance)[kept]
 

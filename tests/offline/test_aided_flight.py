@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from gcs_sysid import aircraft_file
-from gcs_sysid.aircraft import StreamTiming
-from gcs_sysid.offline import aided_flight, flight, maneuver_choice
+from gcs_sysid.aircraft import Aircraft, StreamTiming, Value
+from gcs_sysid.estimate import first_guess, inside_filter
+from gcs_sysid.estimate.inside_filter import Derivatives
+from gcs_sysid.offline import aided_fit, aided_flight, flight, maneuver_choice
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.sources.registry import open_recording
 
@@ -77,3 +80,54 @@ def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(
     assert abs(share) < 0.2
     assert np.std(gusty - calm) > 0.5
     assert np.std(passing - calm) < 0.5 * np.std(gusty - calm)
+
+
+def tripled(aircraft: Aircraft) -> Aircraft:
+    """The aircraft with every value of its aerodynamics three times as large."""
+    models = {
+        name: replace(
+            model,
+            terms={
+                key: Value(3.0 * one.value, 3.0 * one.sigma) for key, one in model.terms.items()
+            },
+        )
+        for name, model in aircraft.aerodynamics.items()
+    }
+    return replace(aircraft, aerodynamics=models)
+
+
+@pytest.mark.parametrize("body", [False, True])
+def test_without_a_prior_nothing_of_the_files_aerodynamics_takes_part(
+    one: Flight, *, body: bool
+) -> None:
+    """Not in the rows and their steps, nor where a search begins, nor in what is believed."""
+    structure = {name: tuple(model.terms) for name, model in one.aircraft.aerodynamics.items()}
+    assert structure["Cm"]
+
+    def asked(aircraft: Aircraft) -> tuple[tuple, Derivatives]:
+        mean, sigma = inside_filter.beliefs(structure, None, aircraft)
+        start = first_guess.derivatives(aircraft, structure)
+        flown = replace(one, aircraft=aircraft)
+        item = aided_fit._prepared(flown, start, (1,), body=body)
+        before = aided_fit._believed(mean, sigma, aircraft, body=body)
+        beliefs = aided_fit._beliefs(item, aided_fit._with(item.first, before), before.covariance)
+        kept = (item.rows.rows, item.rows.nominal, item.rows.beginning, item.held, item.first)
+        return (*kept, beliefs.mean, beliefs.covariance, beliefs.noise), before
+
+    first, second = asked(one.aircraft), asked(tripled(one.aircraft))
+    assert first[1].keys == second[1].keys
+    for left, right in zip(
+        jax.tree.leaves((first[0], first[1][1:])), jax.tree.leaves((second[0], second[1][1:])),
+        strict=True,
+    ):  # fmt: skip
+        np.testing.assert_array_equal(left, right)
+
+
+def test_at_50_hz_every_sample_is_a_row(one: Flight) -> None:
+    """Whatever the fastest mode of an aircraft that is described with the program."""
+    rows = aided_flight.prepare(one.recording, one.aircraft, one.reconstruction).rows
+    time, kept = one.reconstruction.time, aided_flight.kept_rows(rows)
+    np.testing.assert_allclose(np.cumsum(rows.step)[kept], time - time[0], atol=1e-9)
+    usual = np.diff(time) < aided_flight.HOLE * np.median(np.diff(time))
+    assert np.median(np.diff(time)) == pytest.approx(0.02, rel=0.05)
+    np.testing.assert_array_equal(np.diff(kept)[usual], 1)

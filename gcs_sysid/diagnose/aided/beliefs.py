@@ -69,7 +69,7 @@ def ordinary(
     usual |= {
         "sensors.airspeed_scale": AIRSPEED_SCALE if stated is None else stated,
         "sensors.airspeed_lag": aircraft.pitot.error.lag_sigma or 0.0,
-        "sensors.surface_delay": servo.sigma or SERVO_DELAY,
+        "sensors.surface_delay": SERVO_DELAY if servo.sigma is None else servo.sigma,
         "departures.mass": min(aircraft.mass.mass_sigma, MASS),
         "departures.inertia": min(aircraft.mass.inertia_sigma, INERTIA),
         "departures.cg": CG * aircraft.geometry.mean_chord,

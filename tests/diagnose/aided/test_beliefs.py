@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid import aircraft_file
-from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.diagnose.aided import beliefs
 from gcs_sysid.diagnose.catalogue import CAUSES
 
@@ -34,3 +34,11 @@ def test_a_file_that_is_unsure_of_its_body_is_not_excused_by_that() -> None:
 def test_a_file_that_is_sure_is_believed() -> None:
     found = beliefs.ordinary(NAMES, unsure(aircraft_file.load(BRUMBY), 0.01), vanes=False)
     np.testing.assert_allclose(found[:3], 0.01)
+
+
+@pytest.mark.parametrize(("stated", "believed"), [(None, 0.01), (0.004, 0.004), (0.0, 0.0)])
+def test_a_servo_delay_is_believed_as_the_file_says(stated: float | None, believed: float) -> None:
+    """A stated deviation of 0 had counted as none stated."""
+    streams = {"SERVO_OUTPUT_RAW": StreamTiming(0.02, stated)}
+    file = replace(aircraft_file.load(BRUMBY), streams=streams)
+    assert beliefs.ordinary(["sensors.surface_delay"], file, vanes=False) == [believed]
