@@ -4,6 +4,10 @@ The live form of `causal`: each row is linearised about what the filter expects,
 the same filter, one row at a time with filterpy's arithmetic (Joseph form) or a flight at once in
 `jax.lax.scan`; a test holds them together. filterpy's state is the error state: nought but for the
 moment of an update, after which it is folded into the aircraft's.
+
+Live nobody looks back, so that the filter itself says whether it still follows the aircraft:
+innovations squared over their covariance are one a measurement as long as it does (Bar-Shalom, Li &
+Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4.2).
 """
 
 from __future__ import annotations
@@ -19,6 +23,14 @@ from gcs_sysid.model.aided import ROW_COUNT, SIZE, Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct.aided_smoother import Beginning
+
+MEMORY = 100
+"""Rows after which what innovations were has faded to a third: some seconds, as a gust that the
+intensities do not expect may last."""
+LOST = 10.0
+"""Innovations whose squares are so many times as large as they should be, for seconds, are those of
+a filter that follows another aircraft. Intensities that are all wrong by a factor of two make
+four."""
 
 
 @jax.jit
@@ -42,6 +54,9 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         means: derivatives and sensor errors.
         noise: intensities.
         beginning: belief about the state before the first row.
+
+    Attributes:
+        excess: squares of the last innovations over what they should be; near 1 where all is well.
     """
 
     def __init__(
@@ -53,6 +68,14 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         self.state = beginning.state
         self._known = (model, means, noise)
         self._seen: Linearised | None = None
+        self._faded = np.zeros(2)
+        self.excess = 1.0
+
+    @property
+    def lost(self) -> bool:
+        """Whether the filter lost the aircraft: what it says then is no number."""
+        # What is not a number is not less either.
+        return not self.excess < LOST
 
     def predict_x(self, u: Row | int = 0) -> None:
         """Moves the state to the end of the step that leads to a row."""
@@ -70,4 +93,9 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         self.update(
             seen.residual, HJacobian=lambda _: seen.sensitivity, Hx=lambda _: np.zeros(ROW_COUNT)
         )
+        # Absent rows have no innovation.
+        row = np.array([self.y @ self.SI @ self.y, np.count_nonzero(seen.present)])
+        self._faded = (1.0 - 1.0 / MEMORY) * self._faded + row
+        squares, count = self._faded
+        self.excess = float(squares / count) if count > 0.0 else 1.0
         self.state, self.x = _folded(self.state, self.x), np.zeros(SIZE)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Control, Geometry, Mass, Servo, Value
@@ -41,6 +42,8 @@ AIRCRAFT = Aircraft(
 MODEL = FlightModel(AIRCRAFT)
 """One for all tests: what is compiled belongs to it."""
 STEP, COUNT = 0.02, 400
+HOLE = slice(150, 165)
+"""Rows without the inertial unit, 0.3 s, where sensors tell at rates of their own."""
 
 
 def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:
@@ -88,55 +91,42 @@ def sharp(known: Noise) -> Noise:
     return known._replace(turbulence=turbulence)
 
 
-def made_flight(airspeed_lag: float = 0.0, logs: Noise | None = None) -> Flight:
-    """Eight seconds with elevator inputs, every noise drawn at its stated size."""
-    rng, rng_of_slow = np.random.default_rng(21), np.random.default_rng(22)
+def made_flight(
+    airspeed_lag: float = 0.0,
+    logs: Noise | None = None,
+    *,
+    seed: int = 21,
+    own_rates: bool = False,
+) -> Flight:
+    """Eight seconds with elevator inputs, every noise drawn at its stated size.
+
+    Args:
+        airspeed_lag: of what is indicated [s].
+        logs: logarithms of the intensities; None for those of `unknowns`.
+        seed: of the draws.
+        own_rates: whether sensors tell at `streams` of their own, or all at every row.
+    """
+    rng, rng_of_slow = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     means, known = unknowns(1.0, airspeed_lag)
     logs = known if logs is None else logs
     noise = aided_smoother.positive(logs)
     time = STEP * np.arange(COUNT)
     elevator = 0.04 * np.sign(np.sin(2.0 * np.pi * 0.9 * time)) - 0.03
     rows = empty(elevator)
-    state = State(
-        frames.quaternion_from_euler(jnp.array([0.0, 0.08, 0.5])),
-        jnp.array([15.0, 8.2, 0.0]),
-        jnp.zeros(3),
-        jnp.array([17.1]),
-        Air(*[jnp.zeros(3)] * 4),
-        jnp.zeros(3),
-        jnp.zeros(1),
-        jnp.zeros(3),
-        jnp.zeros(1),
-        jnp.zeros(3),
-    )
-
-    @jax.jit
-    def ahead(now: State, row: Row, white: jax.Array) -> tuple[State, jax.Array]:
-        moved = aided.advance(AIRCRAFT, means, noise, now, row)
-        mechanics = aided_linear.jacobian(AIRCRAFT, means, now, row, 1)
-        half = aided_linear.half_transition(mechanics, aided_linear.decay(noise), row)
-        spread = aided_linear.process(half, row, aided_linear.driving(noise))
-        size = jnp.sqrt(jnp.diagonal(spread)) + 1e-10
-        root = size[:, None] * jnp.linalg.cholesky(
-            spread / jnp.outer(size, size) + 1e-9 * jnp.eye(aided.SIZE)
-        )
-        moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
-        return moved, aided.innovation(AIRCRAFT, means, moved, row)
-
+    if own_rates:
+        rows = streams(rows, np.random.default_rng(seed + 2))
     white = np.sqrt(np.asarray(aided_linear.measurement_variance(noise)))
-    states, seen = [], []
-    for index in range(COUNT):
-        row = jax.tree.map(lambda part, index=index: part[index], rows)
+    pushes, sampled = [], []
+    for _ in range(COUNT):
         # Draws of their own for what came later, so that all else stays as it was.
         others, slow = rng.standard_normal(aided.SIZE - 5), rng_of_slow.standard_normal(4)
         # Nothing pushes what a tube shows.
         pushed = np.insert(others, aided.BLOCKS["tube"].start, 0.0)
-        state, left = ahead(state, row, jnp.asarray(np.concatenate([pushed, slow])))
-        states.append(state)
-        # What a perfect sensor would read is what leaves no innovation.
-        seen.append(-np.asarray(left) + white * rng.standard_normal(aided.ROW_COUNT))
-    readings = np.stack(seen)
-    nominal = jax.tree.map(lambda *parts: np.stack([np.asarray(part) for part in parts]), *states)
+        pushes.append(np.concatenate([pushed, slow]))
+        sampled.append(white * rng.standard_normal(aided.ROW_COUNT))
+    nominal, left = jax.tree.map(np.asarray, _flown(means, noise, rows, np.stack(pushes)))
+    # What a perfect sensor would read is what leaves no innovation.
+    readings = np.stack(sampled) - left
     shown = frames.multiply(frames.exponential(nominal.attitude_error), nominal.attitude)
     measured = rows.measured._replace(
         airspeed=readings[:, aided.ROWS["airspeed"]],
@@ -153,6 +143,56 @@ def made_flight(airspeed_lag: float = 0.0, logs: Noise | None = None) -> Flight:
     deviation = jnp.full(aided.SIZE, 0.05)
     first = jax.tree.map(lambda part: part[0], nominal)
     return Flight(rows, nominal, Beginning(first, jnp.diag(deviation**2)))
+
+
+@jax.jit
+def _flown(
+    means: Means, noise: Noise, rows: Row, pushes: np.ndarray
+) -> tuple[State, Float[jax.Array, "sample row"]]:
+    """States at the rows, and the innovations of sensors that read nothing."""
+    begun = State(
+        frames.quaternion_from_euler(jnp.array([0.0, 0.08, 0.5])),
+        jnp.array([15.0, 8.2, 0.0]),
+        jnp.zeros(3),
+        jnp.array([17.1]),
+        Air(*[jnp.zeros(3)] * 4),
+        jnp.zeros(3),
+        jnp.zeros(1),
+        jnp.zeros(3),
+        jnp.zeros(1),
+        jnp.zeros(3),
+    )
+
+    def ahead(now: State, item: tuple[Row, jax.Array]) -> tuple[State, tuple[State, jax.Array]]:
+        row, white = item
+        moved = aided.advance(AIRCRAFT, means, noise, now, row)
+        mechanics = aided_linear.jacobian(AIRCRAFT, means, now, row, 1)
+        half = aided_linear.half_transition(mechanics, aided_linear.decay(noise), row)
+        spread = aided_linear.process(half, row, aided_linear.driving(noise))
+        size = jnp.sqrt(jnp.diagonal(spread)) + 1e-10
+        root = size[:, None] * jnp.linalg.cholesky(
+            spread / jnp.outer(size, size) + 1e-9 * jnp.eye(aided.SIZE)
+        )
+        moved = aided.compose(moved, jnp.where(row.step > 0.0, root @ white, 0.0))
+        return moved, (moved, aided.innovation(AIRCRAFT, means, moved, row))
+
+    return jax.lax.scan(ahead, begun, (jax.tree.map(jnp.asarray, rows), pushes))[1]
+
+
+def streams(rows: Row, rng: np.random.Generator) -> Row:
+    """Rows whose sensors tell at rates of their own, as telemetry does.
+
+    Airspeed at every fifth row, velocity at every tenth, by up to 8 ms older or newer than it,
+    attitude at every second; and `HOLE` without the inertial unit.
+    """
+    row = np.arange(COUNT)
+    valid = np.stack([row % 5 == 0, row % 10 == 3, row % 2 == 1, row < 0], axis=1)
+    age = np.zeros((COUNT, 4))
+    age[:, 1] = rng.uniform(-8e-3, 8e-3, COUNT)
+    return rows._replace(
+        inertial=(row < HOLE.start) | (row >= HOLE.stop),
+        measured=rows.measured._replace(valid=valid, age=age),
+    )
 
 
 def empty(elevator: np.ndarray) -> Row:

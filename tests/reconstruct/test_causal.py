@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,10 +14,11 @@ from gcs_sysid import regressors
 from gcs_sysid.estimate import intensities
 from gcs_sysid.estimate.intensities import Prior, Search
 from gcs_sysid.model import aided, air
-from gcs_sysid.model.aided import Means, Noise
+from gcs_sysid.model.aided import Means, Noise, Row
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
-from gcs_sysid.reconstruct.aided_ekf import AidedFilter
+from gcs_sysid.reconstruct.aided_ekf import MEMORY, AidedFilter
 from gcs_sysid.reconstruct.causal import More, Pass, Path
+from gcs_sysid.reconstruct.linear_filter import Belief
 from tests.estimate import made_flight as made
 
 pytestmark = pytest.mark.slow
@@ -71,28 +74,141 @@ def test_a_path_settles_also_in_air_that_turns_within_a_step(flight) -> None:
     assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-5
 
 
-def test_row_by_row_on_filterpy_it_is_the_same_filter(flight) -> None:
-    """Predicted states, whitened innovations and covariances, to 1e-9."""
+@pytest.mark.parametrize("own_rates", [False, True])
+def test_row_by_row_on_filterpy_it_is_the_same_filter(*, own_rates: bool) -> None:
+    """Predicted states, whitened innovations and covariances, to 1e-9.
+
+    With every sensor at every row, and with streams of their own, ages and a hole. Covariances in
+    units of their deviations: gyros' drift is known to 1e-7 (rad/s)².
+    """
+    flight = made.made_flight(own_rates=own_rates)
     known = made.unknowns(1.0)
     path = settled(flight, known.means, rounds=12)
     rows = causal.joined(made.MODEL, known.means, known.log_noise, path)
     _, _, steps = causal.filtered(path, rows)
-    noise = aided_smoother.positive(known.log_noise)
-    live = AidedFilter(made.MODEL, known.means, noise, flight.beginning)
+    live = started(flight, known.means)
     with pytest.raises(ValueError, match="no row was predicted"):
         live.observe()
-    predicted, innovations, spreads = [], [], []
-    for index in range(made.COUNT):
-        live.predict(jax.tree.map(lambda part, index=index: part[index], flight.rows))
+    predicted, innovations, spreads, excess = [], [], [], []
+    for row in each_row(flight):
+        live.predict(row)
         predicted.append(live.state)
         live.observe()
-        innovations.append(np.asarray(steps[0].root[index]) @ live.y)
+        innovations.append(live.y)
         spreads.append(live.P)
+        excess.append(live.excess)
     found = jax.tree.map(lambda *parts: jnp.stack(parts), *predicted)
     off = jax.vmap(aided.difference)(found, path.chunks[0].after)
     assert float(jnp.max(jnp.abs(off))) < 1e-9
-    np.testing.assert_allclose(innovations, steps[0].whitened, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(spreads, steps[0].updated.covariance, rtol=0, atol=1e-9)
+    whitened = np.einsum("kij,kj->ki", steps[0].root, innovations)
+    np.testing.assert_allclose(whitened, steps[0].whitened, rtol=0, atol=1e-7)
+    other, unit = np.stack(spreads), units(np.stack(spreads))
+    np.testing.assert_allclose(steps[0].updated.covariance / unit, other / unit, rtol=0, atol=1e-9)
+    # Of MEMORY rows with six to twelve measurements: to 0.06, one deviation.
+    assert not live.lost
+    assert excess[-1] == pytest.approx(1.0, abs=0.25)
+
+
+def units(covariances: np.ndarray) -> np.ndarray:
+    """What makes correlations of them."""
+    size = np.sqrt(np.diagonal(covariances, axis1=-2, axis2=-1))
+    return size[..., :, None] * size[..., None, :]
+
+
+def started(flight: made.Flight, means: Means) -> AidedFilter:
+    noise = aided_smoother.positive(LOG_NOISE)
+    return AidedFilter(made.MODEL, means, noise, flight.beginning)
+
+
+def each_row(flight: made.Flight) -> list[Row]:
+    return [
+        jax.tree.map(lambda part, index=index: part[index], flight.rows)
+        for index in range(made.COUNT)
+    ]
+
+
+def test_row_by_row_it_says_that_it_lost_the_aircraft(flight) -> None:
+    """One that is unstable ten times over in its equations; and a reading that is no number."""
+    means = made.unknowns(1.0).means
+    terms = {name: dict(each) for name, each in means.aerodynamics.items()}
+    terms["Cm"]["alpha"] = -10.0 * terms["Cm"]["alpha"]
+    live = started(flight, means._replace(aerodynamics=terms))
+    assert not live.lost
+    for row in each_row(flight)[: 2 * MEMORY]:
+        live.predict(row)
+        live.observe()
+    assert live.lost
+    live = started(flight, means)
+    first = each_row(flight)[0]
+    live.predict(first._replace(gyro=np.full(3, np.nan)))
+    live.observe()
+    assert live.lost
+
+
+def test_covariances_are_safe_where_all_that_is_known_comes_from_one_sensor() -> None:
+    """Four thousand rows with an exact attitude, begun with deviations of ten of everything.
+
+    Of 10² an exact reading leaves (2e-4)²: a difference that is good to 1e-16 · 10²/(2e-4)² = 3e-7,
+    and that Joseph's form takes otherwise. What follows forgets it.
+    """
+    flight = made.made_flight(own_rates=True)
+    exact = LOG_NOISE._replace(attitude=jnp.log(jnp.full(2, 1e-5)))
+    (chunk,) = aided_smoother.chunks(flight.rows, flight.nominal)
+    rows = aided_smoother.linearised(made.MODEL, made.unknowns(1.0).means, exact, chunk)
+    begun = Belief(jnp.zeros(aided.SIZE), 100.0 * jnp.eye(aided.SIZE))
+    joseph, pieces, others = 100.0 * np.eye(aided.SIZE), [], []
+    transition, process, view, variance = (
+        np.asarray(part)
+        for part in (rows.transition, rows.process, rows.sensitivity, rows.variance)
+    )
+    for _ in range(10):
+        begun, done = linear_filter.run(begun, rows)
+        pieces.append(np.asarray(done.updated.covariance))
+        for index in range(made.COUNT):
+            turned, seen, noise = transition[index], view[index], np.diag(variance[index])
+            joseph = turned @ joseph @ turned.T + process[index]
+            gain = np.linalg.solve(seen @ joseph @ seen.T + noise, seen @ joseph).T
+            left = np.eye(aided.SIZE) - gain @ seen
+            joseph = left @ joseph @ left.T + gain @ noise @ gain.T
+            others.append(joseph)
+    found, wanted = np.concatenate(pieces), np.stack(others)
+    unit = units(wanted)
+    assert np.linalg.eigvalsh(found / units(found)).min() > -1e-12
+    off = np.abs(found - wanted) / unit
+    assert off.max() < 1e-5
+    assert off[len(off) // 2 :].max() < 1e-9
+
+
+def test_what_was_not_measured_changes_nothing_whatever_stands_there() -> None:
+    """Nor do rows in a hole tell of the parameters what no sensor saw there."""
+    flight, means = made.made_flight(own_rates=True), made.unknowns(1.0).means
+    measured, valid = flight.rows.measured, flight.rows.measured.valid
+    none = np.asarray(np.nan)
+    rows = flight.rows._replace(
+        gyro=np.where(flight.rows.inertial[:, None], flight.rows.gyro, none),
+        accelerometer=np.where(flight.rows.inertial[:, None], flight.rows.accelerometer, none),
+        measured=measured._replace(
+            airspeed=np.where(valid[:, :1], measured.airspeed, none),
+            velocity=np.where(valid[:, 1:2], measured.velocity, none),
+            attitude=np.where(valid[:, 2:3], measured.attitude, none),
+            vanes=np.full_like(measured.vanes, none),
+        ),
+    )
+    unread = replace(flight, rows=rows)
+    plain, told = (passed(settled(one, means), means) for one in (flight, unread))
+    assert told.told.count == 6 * (made.COUNT - 15) + 80 + 3 * 40 + 3 * 200
+    np.testing.assert_array_equal(told.told.matrix, plain.told.matrix)
+    np.testing.assert_array_equal(told.told.score, plain.told.score)
+    np.testing.assert_array_equal(told.log_likelihood, plain.log_likelihood)
+    np.testing.assert_array_equal(told.blocks, plain.blocks)
+    assert np.isfinite(told.told.score).all()
+    assert not told.whitened[made.HOLE, :6].any()
+    slopes = [
+        intensities._slope(LOG_NOISE, intensities.lined(made.MODEL, means, done.path, LOG_NOISE))[1]
+        for done in (plain, told)
+    ]
+    np.testing.assert_array_equal(slopes[0], slopes[1])
+    assert np.isfinite(slopes[1]).all()
 
 
 def test_innovations_are_white_at_the_truth(flight) -> None:
@@ -102,9 +218,10 @@ def test_innovations_are_white_at_the_truth(flight) -> None:
     assert abs(np.mean(seen[1:] * seen[:-1])) < 0.06
 
 
-def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(flight) -> None:
+@pytest.mark.parametrize("own_rates", [False, True])
+def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(*, own_rates: bool) -> None:
     """Along a parameter, gains and matrices held: differences of the filter's own innovations."""
-    like = made.unknowns(1.0)
+    flight, like = made.made_flight(own_rates=own_rates), made.unknowns(1.0)
     path = settled(flight, like.means)
     flat, unravel = ravel_pytree(like.means)
     rows = causal.joined(made.MODEL, like.means, like.log_noise, path)
