@@ -33,6 +33,8 @@ from gcs_sysid.reconstruct.linear_filter import Belief
 
 SMOOTHED = 3
 """Rounds of the smoother at the end."""
+SILENT = 1e-12
+"""Share of what flight and belief say together, of which less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +238,11 @@ def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:
     """
     free = np.flatnonzero(done.free[0][:count])
     matrix = done.curvature.information + done.precision
+    stated = np.diagonal(matrix).copy()
     matrix[: free.size, : free.size] -= done.precision[: free.size, : free.size]
+    # Of a belief that is taken off again rounding is left, off the diagonal too.
+    silent = np.diagonal(matrix) <= SILENT * stated
+    matrix[silent, :] = matrix[:, silent] = 0.0
     size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     seen = values > 1e-12 * values[-1]

@@ -85,8 +85,11 @@ def climbed(
 ) -> Search:
     """So many steps about one path; `gained` is that of all of them.
 
-    Slopes of an earlier path, with other means, say nothing of the curvature here.
+    Slopes of an earlier path, with other means, say nothing of the curvature here. Where all are
+    held nothing is to be gained.
     """
+    if not np.any(ravel_pytree(prior.sigma)[0]):
+        return search._replace(gained=0.0)
     search, gained = search._replace(before=None), 0.0
     about = lined(model, means, path, search.log_noise)
     for _ in range(steps):

@@ -327,7 +327,8 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
     value = in_common.values(fit.unknowns.means)
     first = np.array_equal(np.linalg.inv(before.covariance), before.precision)
     least = np.sqrt(np.diagonal(fit.bound))
-    bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
+    with np.errstate(divide="ignore"):  # nothing from either is nothing from both
+        bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
     return before._replace(value=value, covariance=fit.covariance, bound=bound)
 
 

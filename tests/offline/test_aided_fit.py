@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.estimate import in_common, inside_filter
+from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.offline import aided_fit
+from gcs_sysid.offline.flight import Flight
 from tests.offline.conftest import ROOT
 
 BRUMBY: Path = ROOT / "data" / "aircraft" / "brumby_mk3.toml"
@@ -74,3 +77,37 @@ def test_a_coarse_file_is_told_what_it_bends() -> None:
     assert aided_fit._held(sure) == ()
     heavy = replace(file, mass=replace(file.mass, mass_sigma=0.08, inertia_sigma=0.05))
     assert "mass to 8 %" in aided_fit._held(heavy)[0]
+
+
+def flights(*names: str) -> list[aided_fit._Prepared]:
+    """Of which only where they come from is known."""
+    return [
+        aided_fit._Prepared(
+            Mock(spec=Flight, recording=Mock(source=name)), Mock(), np.zeros(1, dtype=bool), Mock()
+        )
+        for name in names
+    ]
+
+
+def test_a_search_that_did_not_end_is_named_with_what_was_missing_and_what_to_do() -> None:
+    """The first flight of which that is so."""
+    done = Mock(spec=Fit, converged=True, log_likelihood=(10.0, 11.0), moving=0.1)
+    astray = Mock(spec=Fit, converged=False, log_likelihood=(100.0, 220.4), moving=3.26)
+    alone = Mock(spec=Fit, converged=False, log_likelihood=(100.0,), moving=50.0)
+    assert aided_fit._unsettled(flights("a.tlog"), [done]) == ""
+    said = aided_fit._unsettled(flights("a.tlog", "b.tlog", "c.tlog"), [done, astray, alone])
+    assert said == (
+        "b.tlog: the search inside the filter did not end (the log-likelihood still changed by "
+        "+120 a step, and a derivative was to move by 3.3 of its deviations): mass, inertia, signs "
+        "of the controls or the thrust of the aircraft file may be far off: check them, or fly "
+        "longer maneuvers of every axis"
+    )
+    assert "changed by +0 a step" in aided_fit._unsettled(flights("c.tlog"), [alone])
+
+
+def test_a_lost_aircraft_is_named_with_what_to_do() -> None:
+    (item,) = flights("a.tlog")
+    assert aided_fit._lost(item.one) == (
+        "a.tlog: the filter lost the aircraft: mass, inertia, signs of the controls or the thrust "
+        "of the aircraft file may be far off: check them, or fly longer maneuvers of every axis"
+    )

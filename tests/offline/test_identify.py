@@ -515,3 +515,41 @@ def test_a_gyro_at_the_end_of_its_range_is_said_and_bends_nothing(
     before = {name: entry for name, *entry in found(demo)}
     for name, value, sd, _ in found(told):
         assert abs(value - before[name][0]) < 2.0 * np.hypot(sd, before[name][1]), name
+
+
+def test_a_hole_and_a_channel_without_numbers_are_said_and_nothing_is_made_of_them(
+    short: Path, short_run: Identified, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A second of the inertial unit left out, and a third of a second of one of its axes."""
+    opened, told = flight.open_recording, short_run.table["t"]
+    begin = float(told[told.size // 2])
+
+    def torn(*args: Any, **options: Any) -> Recording:
+        recording = opened(*args, **options)
+        imu = recording.streams["RAW_IMU"]
+        kept = (imu.time < begin) | (imu.time >= begin + 1.0)
+        time = imu.time[kept]
+        channels = {name: values[kept] for name, values in imu.channels.items()}
+        unread = (time > begin + 5.0) & (time < begin + 5.3)
+        channels["q"] = np.where(unread, np.nan, channels["q"])
+        replaced = replace(imu, time=time, link_time=imu.link_time[kept], channels=channels)
+        return replace(recording, streams={**recording.streams, "RAW_IMU": replaced})
+
+    monkeypatch.setattr(flight, "open_recording", torn)
+    found = run([short], tmp_path)
+    (said,) = [line for line in found.summary["warnings"] if "tells nothing for" in line]
+    assert str(short) in said
+    assert "states are bridged there" in said
+    longest = float(said.split(" s at the longest")[0].split()[-1])
+    assert longest == pytest.approx(1.0, abs=0.1)
+    table = found.table
+    for name in ("t", "V", "alpha", "beta", "CZ", "CZ_sd", "Cm", "Cm_sd"):
+        assert np.isfinite(table[name]).all(), name
+    for terms in found.summary["derivatives"].values():
+        for term in terms.values():
+            assert np.isfinite([term["value"], term["sd"]]).all()
+            assert term["verdict"] in ("yes", "weak", "no")
+            assert bool(term["reason"]) == (term["verdict"] != "yes")
+    # No coefficient is measured in the hole, and no maneuver lies across it.
+    inside = (table["t"] > begin + 0.1) & (table["t"] < begin + 0.9)
+    assert not np.any(table["maneuver"][inside] >= 0)
