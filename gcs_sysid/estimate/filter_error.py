@@ -50,7 +50,9 @@ class Fit:
         bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
             infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
-        smoothed: deviations from it, and their covariance.
+        smoothed: deviations from it, and their covariance were the parameters known.
+        parameters: covariance of all parameters of the mean, in the order of `ravel_pytree`.
+        moved: how the last state moves with them; of what hardly changes, as the wind, every state.
         whitened: innovations over the root of their covariance.
         log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the derivatives are told, to the deviations that are stated.
@@ -66,6 +68,8 @@ class Fit:
     bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
+    parameters: Float[np.ndarray, "parameter parameter"]
+    moved: Float[np.ndarray, "state parameter"]
     whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     converged: bool
@@ -109,6 +113,7 @@ def fit(
     )
     common = in_common.places(unknowns.means)
     covariance, deviation = _covariance(done)
+    last = settling.rested(model, flight, unknowns, beliefs, counts).last
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
@@ -118,6 +123,8 @@ def fit(
         bound=_bound(done, len(in_common.derivative_keys(unknowns.means.aerodynamics))),
         states=states,
         smoothed=smoothed,
+        parameters=covariance,
+        moved=last.moved,
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.settled,

@@ -356,6 +356,6 @@ def _damped(
 def marked(like: Means, sensors: Sequence[str]) -> Bool[np.ndarray, " parameter"]:
     """Which of all parameters these of the sensors are."""
     none = jax.tree.map(jnp.zeros_like, like)
-    ones = dict.fromkeys(sensors, jnp.ones(()))
+    ones = {name: jnp.ones_like(getattr(none.sensors, name)) for name in sensors}
     chosen = none._replace(sensors=none.sensors._replace(**ones))
     return np.asarray(ravel_pytree(chosen)[0]) > 0.0

@@ -214,7 +214,8 @@ def _settling(aircraft: Aircraft) -> Callable[..., tuple[State, Array, Array]]:
             return unknown - jnp.linalg.solve(slope.T @ slope, slope.T @ left(unknown)), None
 
         found, _ = jax.lax.scan(better, start, None, length=TRIM_STEPS)
-        state = trims.level(found[0], found[1], found[2], airspeed, height)
+        straight = jnp.stack([airspeed, height, density, jnp.zeros(()), jnp.zeros(())])
+        state = trims.steady(found, straight)
         return state, found[3 : 3 + count], found[3 + count :]
 
     return jax.vmap(one, in_axes=(0, None, None, None, None))

@@ -1,4 +1,4 @@
-"""Linear models of small motions about level flight, with what is not known about them.
+"""Linear models of small motions about steady flight, with what is not known about them.
 
     ẋ = A x + B u      y = C x + D u      deviations from a trim
 
@@ -154,7 +154,7 @@ class Linearisation:
         """The linear model at a trim of the aircraft.
 
         Args:
-            trim: level flight.
+            trim: steady flight.
             covariance: of the values of `uncertain`.
         """
         size = np.maximum(np.abs(_mean(self.aircraft)), SMALLEST)
@@ -183,15 +183,11 @@ class Linearisation:
         """Linear models for other values, each about its own trim; the first axis is the draw.
 
         Args:
-            trim: level flight of the aircraft as its file has it.
+            trim: steady flight of the aircraft as its file has it.
             moved: added to the values of `uncertain`; relative for mass and inertia.
         """
-        start = np.asarray(motion_of(trim.state))
-        guess = np.concatenate([start[1:3], start[6:7], trim.controls, trim.settings])
-        unknown = np.tile(guess, (moved.shape[0], 1))
-        air = np.array(
-            [(1.0 + BESIDE) * trim.airspeed, -float(trim.state.position[2]), trim.density]
-        )
+        unknown = np.tile(trim.unknown, (moved.shape[0], 1))
+        air = trim.condition * np.array([1.0 + BESIDE, 1.0, 1.0, 1.0, 1.0])
         values = _mean(self.aircraft) + moved
         for _ in range(TRIM_STEPS):
             off, slope = (np.asarray(item) for item in _off(values, unknown, air, self._model))
@@ -209,7 +205,7 @@ class Linearisation:
 def _off(
     values: Array, unknown: Array, air: Array, model: FlightModel
 ) -> tuple[Float[Array, " equation"], Float[Array, "equation unknown"]]:
-    """What keeps a flight from being level, and how that changes with the trim."""
+    """What keeps a flight from being steady, and how that changes with the trim."""
 
     def off(unknown: Array) -> Array:
         return trims.imbalance(model.aircraft, parameters(model.aircraft, values), unknown, *air)
@@ -253,18 +249,18 @@ def matrices(
     aircraft: Aircraft,
     values: Float[Array, " value"],
     unknown: Float[Array, " unknown"],
-    air: Float[Array, " three"],
+    air: Float[Array, " five"],
 ) -> Matrices:
     """The linear model at a trim.
 
     Args:
         aircraft: what is looked up.
         values: of `uncertain`; mass and inertia over the file's.
-        unknown: the trim: alpha, beta, bank, controls, settings.
-        air: airspeed [m/s], height [m], density [kg/m³].
+        unknown: the trim, as for `trim.imbalance`.
+        air: its condition, as of `Trim.condition`.
     """
     numbers = parameters(aircraft, values)
-    speed, height, density = air
+    _, height, density, _, _ = air
 
     def moving(motion: Array, control: Array) -> tuple[Array, Array]:
         return rate(aircraft, numbers, motion, control, height, density)
@@ -273,7 +269,7 @@ def matrices(
         change, felt = moving(motion, control)
         return jnp.concatenate([change, motion, felt])
 
-    motion = motion_of(trims.level(unknown[0], unknown[1], unknown[2], speed, height))
+    motion = motion_of(trims.steady(unknown, air))
     control = unknown[3:]
     by_state, by_input = jax.jacfwd(both, argnums=(0, 1))(motion, control)
     count = len(STATES)

@@ -1,4 +1,12 @@
-"""Level flight: attitude, deflections and thrust at which nothing accelerates."""
+"""Steady flight: attitude, deflections and thrust at which nothing changes.
+
+Straight flight, level or not, at the bank that its asymmetries ask for; and coordinated turns, in
+which the ball is centred: no specific force acts sideways. With φ the bank a level one turns at
+
+    ψ̇ = g tan φ cos α / V      load factor √(1 + (V ψ̇/g)²) ≈ 1/cos φ
+
+(Stevens, Lewis & Johnson 2015, section 3.6, of the bank about the velocity, tan μ = tan φ cos α).
+"""
 
 from __future__ import annotations
 
@@ -12,6 +20,7 @@ from scipy import optimize
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.errors import UsageError
 from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
@@ -20,6 +29,8 @@ from gcs_sysid.model.rigid_body import Inputs, Parameters, State
 
 LEVEL = 0.05
 """Accelerations that a trim may leave [m/s², rad/s²]."""
+BALANCED = 7
+"""Equations of a trim that must be zero, of which the last is that of a turn."""
 LEAST = 1e-2
 """Weight of deflections and angles against accelerations. The accelerations that it leaves are of
 the order of its square; a much smaller one would not hold a sideslip that nothing else holds."""
@@ -27,7 +38,7 @@ the order of its square; a much smaller one would not hold a sideslip that nothi
 
 @dataclass(frozen=True)
 class Trim:
-    """Steady level flight.
+    """Steady flight.
 
     Attributes:
         airspeed: [m/s].
@@ -35,6 +46,8 @@ class Trim:
         controls: deflections [rad], in the order of the aircraft's controls.
         settings: of the engines.
         density: of the air [kg/m³].
+        bank: of a turn [rad]; 0 in straight flight.
+        climb: angle of the flight path above level [rad].
     """
 
     airspeed: float
@@ -42,6 +55,29 @@ class Trim:
     controls: Float[np.ndarray, " control"]
     settings: Float[np.ndarray, " engine"]
     density: float
+    bank: float = 0.0
+    climb: float = 0.0
+
+    @property
+    def turn_rate(self) -> float:
+        """About the vertical, to the right [rad/s]."""
+        return float(frames.rotate(self.state.attitude, self.state.rate)[2])
+
+    @property
+    def condition(self) -> Float[np.ndarray, " five"]:
+        """Airspeed [m/s], height [m], density [kg/m³], bank and climb angle [rad]."""
+        height = -float(self.state.position[2])
+        return np.array([self.airspeed, height, self.density, self.bank, self.climb])
+
+    @property
+    def unknown(self) -> Float[np.ndarray, " unknown"]:
+        """What was solved for, as `imbalance` has it."""
+        flow = frames.flow_angles(frames.unrotate(self.state.attitude, self.state.velocity))
+        lean = frames.euler_from_quaternion(self.state.attitude)[0]
+        if self.bank:
+            lean = self.turn_rate / _turning(self.airspeed, self.bank) - 1.0
+        angles = [float(flow[1]), float(flow[2]), float(lean)]
+        return np.concatenate([angles, self.controls, self.settings])
 
 
 def inputs(
@@ -60,11 +96,27 @@ def inputs(
     )
 
 
-def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> Trim:
-    """Level flight at an airspeed.
+def find(
+    aircraft: Aircraft,
+    airspeed: float,
+    height: float,
+    density: float,
+    *,
+    bank: float = 0.0,
+    climb: float = 0.0,
+) -> Trim:
+    """Steady flight at an airspeed.
+
+    Args:
+        aircraft: with its aerodynamics.
+        airspeed: true [m/s].
+        height: [m].
+        density: of the air [kg/m³].
+        bank: of a coordinated turn, right wing down [rad]; 0 flies straight.
+        climb: angle of the flight path above level [rad]. The air stays as dense as it is.
 
     Raises:
-        UsageError: the model cannot fly level there.
+        UsageError: the model cannot fly so.
     """
     model, values = FlightModel(aircraft), rigid_body.parameters(aircraft)
     count, engines = len(aircraft.controls), len(aircraft.propulsion)
@@ -73,7 +125,7 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
     high = np.concatenate([[0.4, 0.3, 0.3], np.full(count, 0.6), np.ones(engines)])
     high[3 + count :] = _most(aircraft)
     start[3 + count :] *= high[3 + count :]
-    air = np.array([airspeed, height, density])
+    air = np.array([airspeed, height, density, bank, climb])
     found = optimize.least_squares(
         lambda unknown: np.asarray(_residual(unknown, model, values, air)),
         start,
@@ -81,19 +133,28 @@ def find(aircraft: Aircraft, airspeed: float, height: float, density: float) -> 
         bounds=(low, high),
         x_scale=np.where(high > 10.0, high, 0.1),
     )
-    if np.abs(np.asarray(_residual(found.x, model, values, air))[:6]).max() > LEVEL:
+    if np.abs(np.asarray(_residual(found.x, model, values, air))[:BALANCED]).max() > LEVEL:
         raise UsageError(
-            f"{aircraft.name}: the model cannot fly level at {airspeed:.0f} m/s; check its thrust, "
-            "or the airspeeds of `[envelope]`"
+            f"{aircraft.name}: the model cannot fly {_words(bank, climb)} at {airspeed:.0f} m/s; "
+            "check its thrust, or the airspeeds of `[envelope]`"
         )
-    alpha, beta, bank = found.x[:3]
     return Trim(
         airspeed=airspeed,
-        state=level(alpha, beta, bank, airspeed, height),
+        state=steady(jnp.asarray(found.x), jnp.asarray(air)),
         controls=found.x[3 : 3 + count],
         settings=found.x[3 + count :],
         density=density,
+        bank=bank,
+        climb=climb,
     )
+
+
+def _words(bank: float, climb: float) -> str:
+    """A flight condition."""
+    if not bank and not climb:
+        return "level"
+    turn = f"a turn of {np.rad2deg(bank):.0f}° bank" if bank else "straight"
+    return f"{turn} with a climb angle of {np.rad2deg(climb):.0f}°" if climb else f"{turn}, level,"
 
 
 @jax.jit
@@ -101,9 +162,9 @@ def _residual(
     unknown: Float[Array, " unknown"],
     model: FlightModel,
     values: Parameters,
-    air: Float[Array, " three"],
+    air: Float[Array, " five"],
 ) -> Float[Array, " equation"]:
-    return imbalance(model.aircraft, values, unknown, air[0], air[1], air[2])
+    return imbalance(model.aircraft, values, unknown, *air)
 
 
 _slope = jax.jit(jax.jacfwd(_residual))
@@ -116,27 +177,38 @@ def imbalance(
     airspeed: float | Float[Array, ""],
     height: float | Float[Array, ""],
     density: float | Float[Array, ""],
+    bank: float | Float[Array, ""] = 0.0,
+    climb: float | Float[Array, ""] = 0.0,
 ) -> Float[Array, " equation"]:
-    """What keeps a flight from being level: zero, but for the last, at a trim.
+    """What keeps a flight from being steady: zero, but for the last, at a trim.
 
     Args:
         aircraft: what is looked up.
         values: what may vary.
-        unknown: alpha, beta, bank and the controls [rad], and the engines' settings.
+        unknown: alpha, beta and the bank [rad], or in a turn by which share it turns faster than at
+            g tan φ/V, then the controls [rad], and the engines' settings.
         airspeed: [m/s].
         height: [m].
         density: of the air [kg/m³].
+        bank: of a turn [rad]; 0 flies straight.
+        climb: angle of the flight path above level [rad].
 
     Returns:
-        Accelerations [m/s², rad/s²], and a small weight on every unknown: of all ways to fly level
-        the one with the least bank, sideslip and deflection is taken.
+        Accelerations beyond those of the turn [m/s², rad/s²], of a turn the specific force sideways
+        [m/s²], and a small weight on every unknown: of all ways to fly so the one with the least
+        bank, sideslip and deflection is taken.
     """
     count = len(aircraft.controls)
-    state = level(unknown[0], unknown[1], unknown[2], airspeed, height)
+    air = (jnp.asarray(part, jnp.float64) for part in (airspeed, height, density, bank, climb))
+    state = steady(unknown, jnp.stack(list(air)))
     given = inputs(aircraft, unknown[3 : 3 + count], unknown[3 + count :], density)
     change = rigid_body.derivative(aircraft, values, state, given)
     scale = jnp.concatenate([jnp.ones(3 + count), _most(aircraft)])
-    return jnp.concatenate([change.velocity, change.rate, LEAST * unknown / scale])
+    turning = frames.rotate(state.attitude, state.rate)
+    pulled = change.velocity - frames.cross(turning, state.velocity)
+    felt = frames.unrotate(state.attitude, change.velocity - jnp.array([0.0, 0.0, GRAVITY]))
+    ball = jnp.where(jnp.asarray(bank) == 0.0, 0.0, felt[1:2])
+    return jnp.concatenate([pulled, change.rate, ball, LEAST * unknown / scale])
 
 
 def _most(aircraft: Aircraft) -> Float[Array, " engine"]:
@@ -148,26 +220,37 @@ def _most(aircraft: Aircraft) -> Float[Array, " engine"]:
     return jnp.stack(most) if most else jnp.zeros(0)
 
 
-def level(
-    alpha: Float[Array, ""],
-    beta: Float[Array, ""],
-    bank: Float[Array, ""],
-    airspeed: float | Float[Array, ""],
-    height: float | Float[Array, ""],
-) -> State:
-    """Flight without climb: the attitude whose velocity is level and towards north."""
+def steady(unknown: Float[Array, " unknown"], condition: Float[Array, " five"]) -> State:
+    """Motion of steady flight towards north.
+
+    Args:
+        unknown: as for `imbalance`, of which the first three are looked at.
+        condition: as of `Trim.condition`.
+    """
+    alpha, beta, lean = unknown[0], unknown[1], unknown[2]
+    airspeed, height, _, asked, climb = condition
+    straight = asked == 0.0
+    bank = jnp.where(straight, lean, asked)
     through = airspeed * jnp.stack(
         [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
     )
     # Climb is u sin θ − (v sin φ + w cos φ) cos θ.
-    pitch = jnp.arctan2(through[1] * jnp.sin(bank) + through[2] * jnp.cos(bank), through[0])
+    lift = through[1] * jnp.sin(bank) + through[2] * jnp.cos(bank)
+    along = jnp.hypot(through[0], lift)
+    pitch = jnp.arctan2(lift, through[0]) + jnp.arcsin(airspeed * jnp.sin(climb) / along)
     attitude = frames.quaternion_from_euler(jnp.stack([bank, pitch, jnp.zeros_like(pitch)]))
+    rate = jnp.where(straight, 0.0, _turning(airspeed, asked) * (1.0 + lean))
     return State(
-        position=jnp.stack([jnp.zeros(()), jnp.zeros(()), -jnp.asarray(height)]),
+        position=jnp.stack([jnp.zeros(()), jnp.zeros(()), -height]),
         velocity=frames.rotate(attitude, through),
         attitude=attitude,
-        rate=jnp.zeros(3),
+        rate=frames.unrotate(attitude, rate * jnp.array([0.0, 0.0, 1.0])),
     )
+
+
+def _turning(airspeed: float | Array, bank: float | Array) -> Float[Array, ""]:
+    """Rate of a turn where lift is across the velocity and level wings would hold the weight."""
+    return GRAVITY * jnp.tan(bank) / airspeed
 
 
 def deviation(state: State, trim: Trim) -> Float[Array, " eight"]:

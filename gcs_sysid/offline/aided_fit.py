@@ -43,7 +43,7 @@ from gcs_sysid.gp.aerodynamics import beyond
 from gcs_sysid.model import departures
 from gcs_sysid.model.aided import Means
 from gcs_sysid.model.flight_model import FlightModel
-from gcs_sysid.offline import aided_flight, aided_states
+from gcs_sysid.offline import aided_compatibility, aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.reconstruct import aided_smoother
 
@@ -77,7 +77,8 @@ class AidedFlights:
     """What filter error made of the flights.
 
     Attributes:
-        flights: with the filter's states and the coefficients measured at them.
+        flights: with the filter's states, the coefficients measured at them, and its verdict on the
+            sensors.
         scored: the model without the held-out maneuvers.
         final: the model of all.
         aircraft: with the mass, inertia and thrust that go with the final model.
@@ -170,14 +171,18 @@ def identify(
     samples = [one.samples for one in seen]
     kept = [one.pieces() for one in seen]
     learned = [np.where(np.isin(piece, list(held_out)), -1, piece) for piece in kept]
+    fits = tuple(final_fits)
     return AidedFlights(
-        flights=seen,
+        flights=[
+            replace(one, compatibility=aided_compatibility.check(fit, one))
+            for one, fit in zip(seen, fits, strict=True)
+        ],
         scored=inside_filter.model(scored, samples, aircraft, structure, learned),
         final=inside_filter.model(found, samples, aircraft, structure, kept),
         aircraft=_embodied(aircraft, found),
-        fits=tuple(final_fits),
-        lacking=_lacking(model, prepared, final_fits, before, seen, structure),
-        unsettled=_unsettled(prepared, final_fits) or _unsettled(prepared, scored_fits),
+        fits=fits,
+        lacking=_lacking(model, prepared, fits, before, seen, structure),
+        unsettled=_unsettled(prepared, fits) or _unsettled(prepared, scored_fits),
         notes=(
             *(() if body else _held(aircraft)),
             *(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,18 @@ from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.model import aided
+from gcs_sysid.offline import aided_compatibility
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.reconstruct.compatibility import Estimate
 
-DELAYS = ("airspeed", "velocity", "attitude", "vanes")
+DRIFTS: Mapping[str, tuple[str, int, str]] = {
+    "gyro_drift": ("gyro_error", 0, "rad/s"),
+    "airspeed_drift": ("airspeed_error", 0, "m/s"),
+    "velocity_drift": ("velocity_error", 0, "m/s"),
+    "attitude_drift": ("attitude_error", 0, "rad"),
+    "heading_drift": ("attitude_error", 2, "rad"),
+}
+"""Sizes of errors that last: intensity, axis, and unit."""
 
 
 def method(fits: Sequence[Fit], reason: str | None, *, refused: bool) -> dict[str, Any]:
@@ -86,21 +94,14 @@ def body(fits: Sequence[Fit], aircraft: Aircraft) -> dict[str, Any]:
 
 
 def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> None:
-    """Writes wind, gusts, sensor errors and delays that the filter found over the kinematic ones.
+    """Writes what only the filter finds: wind and gusts, lags, drifts, and what is level.
 
     Args:
-        document: `reconstruction` of the summary.
+        document: `reconstruction` of the summary, with the channels' errors and delays.
         fit: of the first flight.
         flight: the same flight.
     """
-    wind = np.asarray(fit.states.air.wind)
-    covariance = np.asarray(fit.smoothed.covariance)[: len(wind), aided.BLOCKS["wind"]]
-    spread = np.sqrt(np.einsum("sii->si", covariance[:, :, aided.BLOCKS["wind"]]))
-    document["wind_ned"] = {
-        "value": wind.mean(axis=0),
-        "sd": spread.mean(axis=0),
-        "unit": "m/s",
-    }
+    document["wind_ned"] = _wind(fit)
     air, relative = fit.unknowns.log_noise.turbulence, fit.deviation.log_noise.turbulence
     # Of level gusts the mean along and across their field.
     for name, axes in (("", slice(0, 2)), ("_vertical", slice(2, 3))):
@@ -108,42 +109,30 @@ def put_reconstruction(document: dict[str, Any], fit: Fit, flight: Flight) -> No
             size = float(np.mean(np.exp(getattr(air, each)[axes])))
             share = float(np.sqrt(np.mean(np.asarray(getattr(relative, each)[axes]) ** 2)))
             document[key + name] = Estimate(size, size * share, unit).document()
-    sensors, sure = fit.unknowns.means.sensors, fit.deviation.means.sensors
-    for index, axis in enumerate("xyz"):
-        for sensor, unit in (("gyro", "rad/s"), ("accelerometer", "m/s²")):
-            document["sensor"][f"{sensor}_{axis}_bias"] = Estimate(
-                float(getattr(sensors, f"{sensor}_bias")[index]),
-                float(getattr(sure, f"{sensor}_bias")[index]),
-                unit,
-            ).document()
-    noise, doubt = fit.unknowns.log_noise.gyro_error, fit.deviation.log_noise.gyro_error
-    drift = float(np.exp(noise))
-    document["sensor"]["gyro_drift"] = Estimate(drift, drift * float(doubt), "rad/s").document()
-    document["sensor"]["airspeed_scale"] = Estimate(
-        float(sensors.airspeed_scale), float(sure.airspeed_scale), "1"
-    ).document()
+    found, sure = fit.unknowns.means.sensors, fit.deviation.means.sensors
+    sensors = document["sensor"]
     for index, axis in enumerate(("roll", "pitch")):
-        document["sensor"][f"attitude_{axis}_tilt"] = Estimate(
-            float(sensors.attitude_tilt[index]), float(sure.attitude_tilt[index]), "rad"
+        sensors[f"attitude_{axis}_tilt"] = Estimate(
+            float(found.attitude_tilt[index]), float(sure.attitude_tilt[index]), "rad"
         ).document()
-    lag = flight.aircraft.pitot.error.lag + float(sensors.airspeed_lag)
-    document["sensor"]["airspeed_lag"] = Estimate(lag, float(sure.airspeed_lag), "s").document()
-    used = flight.reconstruction.data.used
-    for index, name in enumerate(("alpha", "beta")):
-        if "vanes" in used:
-            for part, unit in (("bias", "rad"), ("scale", "1")):
-                document["sensor"][f"{name}_{part}"] = Estimate(
-                    float(getattr(sensors, f"vane_{part}")[index]),
-                    float(getattr(sure, f"vane_{part}")[index]),
-                    unit,
-                ).document()
+    lag = flight.aircraft.pitot.error.lag + float(found.airspeed_lag)
+    sensors["airspeed_lag"] = Estimate(lag, float(sure.airspeed_lag), "s").document()
+    for name, entry in DRIFTS.items():
+        sensors[name] = aided_compatibility.size(fit, *entry).document()
     stated = flight.aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     document["delays"][SERVO_STREAM] = Estimate(
-        stated + float(sensors.surface_delay), float(sure.surface_delay), "s"
+        stated + float(found.surface_delay), float(sure.surface_delay), "s"
     ).document()
-    for name in DELAYS:
-        field = "vane_delay" if name == "vanes" else f"{name}_delay"
-        if name in used:
-            document["delays"][used[name]] = Estimate(
-                float(getattr(sensors, field)), float(getattr(sure, field)), "s"
-            ).document()
+
+
+def _wind(fit: Fit) -> dict[str, Any]:
+    """Mean wind; its deviation takes in what is not known of the parameters."""
+    wind, block = np.asarray(fit.states.air.wind), aided.BLOCKS["wind"]
+    own = np.einsum("sii->si", np.asarray(fit.smoothed.covariance)[: len(wind), block, block])
+    by = fit.moved[block]
+    shared = np.einsum("ip,pq,iq->i", by, fit.parameters, by)
+    return {
+        "value": wind.mean(axis=0),
+        "sd": np.sqrt(own.mean(axis=0) + shared),
+        "unit": "m/s",
+    }

@@ -20,6 +20,8 @@ def linear(
     *,
     airspeeds: Sequence[float],
     height: float,
+    bank: float,
+    climb: float,
     out: Path,
 ) -> dict[str, Any]:
     """Writes linear models to `out`.
@@ -30,16 +32,20 @@ def linear(
         to: `control` writes JSON for `control.ss`, `matlab` a .mat file.
         airspeeds: true airspeeds [m/s]; empty takes one from the envelope.
         height: above sea level [m].
+        bank: of a coordinated turn [rad]; 0 flies straight.
+        climb: angle of the flight path above level [rad].
         out: file to write.
 
     Returns:
         What was written, with `models` in the order of the airspeeds.
 
     Raises:
-        UsageError: both or neither source is given, or level flight there is impossible.
+        UsageError: both or neither source is given, or steady flight there is impossible.
         InputError: what is given cannot be used.
     """
-    described, found = linear_models.models(aircraft, model, airspeeds=airspeeds, height=height)
+    described, found = linear_models.models(
+        aircraft, model, airspeeds=airspeeds, height=height, bank=bank, climb=climb
+    )
     document = documents.plain(
         {
             "program": f"gcs-sysid {version('gcs-sysid')}",

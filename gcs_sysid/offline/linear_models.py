@@ -1,4 +1,4 @@
-"""Linear models of an aircraft, or of an identified model, at conditions of level flight."""
+"""Linear models of an aircraft, or of an identified model, at conditions of steady flight."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid import atmosphere
+from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
+from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.gp.aerodynamics import LearnedModel
 from gcs_sysid.maneuvers.information import lasting
 from gcs_sysid.model import eigenmodes, linear, trim
 from gcs_sysid.model.eigenmodes import Mode, Uncertain
 from gcs_sysid.model.linear import LATERAL, LONGITUDINAL, OUTPUTS, STATES, Linear, Linearisation
+from gcs_sysid.model.trim import Trim
 from gcs_sysid.offline import model_store, tested
 from gcs_sysid.offline.model_store import StoredModel
 
@@ -34,6 +36,8 @@ def models(
     *,
     airspeeds: Sequence[float],
     height: float,
+    bank: float = 0.0,
+    climb: float = 0.0,
 ) -> tuple[Aircraft, list[Linear]]:
     """Linear models at each airspeed.
 
@@ -42,9 +46,11 @@ def models(
         model: folder of an identified model, instead.
         airspeeds: true airspeeds [m/s]; empty takes one from the envelope.
         height: above sea level [m].
+        bank: of a coordinated turn [rad]; 0 flies straight.
+        climb: angle of the flight path above level [rad].
 
     Raises:
-        UsageError: both or neither is given, or level flight there is impossible.
+        UsageError: both or neither is given, or steady flight there is impossible.
         InputError: what is given cannot be used.
     """
     described, found = tested.load(aircraft, model).aircraft, None
@@ -52,7 +58,10 @@ def models(
         described, found = _identified(model_store.load(model))
     wanted = tuple(airspeeds) or (_usual(described),)
     density = float(atmosphere.density(np.array(height)))
-    return described, _about(described, found, wanted, height, density)
+    trims = [
+        trim.find(described, speed, height, density, bank=bank, climb=climb) for speed in wanted
+    ]
+    return described, _about(described, found, trims)
 
 
 def modes(stored: StoredModel, airspeed: float, height: float, density: float) -> dict[str, Any]:
@@ -72,7 +81,8 @@ def modes(stored: StoredModel, airspeed: float, height: float, density: float) -
     if not np.isfinite(airspeed):
         return {**at, "modes": [], "reason": "no steady flight was found, so no airspeed"}
     try:
-        (model,) = _about(described, found, (airspeed,), height, density)
+        level = trim.find(described, airspeed, height, density)
+        (model,) = _about(described, found, [level])
     except UsageError as error:
         return {**at, "modes": [], "reason": str(error)}
     if not all(np.isfinite(part).all() for part in (model.mean.A, model.slopes.A)):
@@ -85,15 +95,11 @@ def modes(stored: StoredModel, airspeed: float, height: float, density: float) -
 def _about(
     aircraft: Aircraft,
     found: Mapping[str, Float[np.ndarray, "term term"]] | None,
-    airspeeds: Sequence[float],
-    height: float,
-    density: float,
+    trims: Sequence[Trim],
 ) -> list[Linear]:
     covariance = linear.stated_covariance(aircraft, found)
     solver = Linearisation(aircraft)
-    return [
-        solver.at(trim.find(aircraft, speed, height, density), covariance) for speed in airspeeds
-    ]
+    return [solver.at(one, covariance) for one in trims]
 
 
 def _identified(
@@ -134,6 +140,10 @@ def document(found: Linear) -> dict[str, Any]:
         "airspeed": found.trim.airspeed,
         "height": -float(found.trim.state.position[2]),
         "density": found.trim.density,
+        "bank": found.trim.bank,
+        "climb": found.trim.climb,
+        "turn_rate": found.trim.turn_rate,
+        "load_factor": _load_factor(found),
         "states": list(STATES),
         "state_units": list(STATES.values()),
         "inputs": list(found.inputs),
@@ -150,6 +160,14 @@ def document(found: Linear) -> dict[str, Any]:
         **{f"{name}_sd": getattr(deviation, name) for name in ("A", "B", "C", "D")},
         "modes": [mode_document(mode) for mode in eigenmodes.modes(found)],
     }
+
+
+def _load_factor(found: Linear) -> float:
+    """Specific force upward in the aircraft, in g."""
+    attitude, rate = found.trim.state.attitude, found.trim.state.rate
+    velocity = frames.unrotate(attitude, found.trim.state.velocity)
+    weight = frames.unrotate(attitude, np.array([0.0, 0.0, GRAVITY]))
+    return float(weight[2] - frames.cross(rate, velocity)[2]) / GRAVITY
 
 
 def mode_document(mode: Mode) -> dict[str, Any]:

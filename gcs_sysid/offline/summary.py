@@ -124,8 +124,9 @@ def reconstruction(flight: Flight) -> dict[str, Any]:
 
 
 def compatibility(flight: Flight) -> dict[str, Any]:
-    """The sensors' verdicts."""
+    """The sensors' verdicts, and by which filter."""
     return {
+        "filter": flight.compatibility.filter,
         "verdict": flight.compatibility.verdict,
         "channels": {
             name: _channel(channel) for name, channel in flight.compatibility.channels.items()
@@ -135,7 +136,7 @@ def compatibility(flight: Flight) -> dict[str, Any]:
 
 def _channel(channel: Channel) -> dict[str, Any]:
     out: dict[str, Any] = {}
-    for part in ("bias", "scale", "delay"):
+    for part in ("bias", "scale", "delay", "lag"):
         estimate = getattr(channel, part)
         out[part] = None if estimate is None else estimate.value
         out[f"{part}_sd"] = None if estimate is None else estimate.deviation

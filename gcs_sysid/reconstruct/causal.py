@@ -97,6 +97,7 @@ class Pass(NamedTuple):
         blocks: scores of every `BLOCK` rows.
         log_likelihood: of every row.
         whitened: innovations over the root of their covariance.
+        moved: how the state that is believed at the end moves with the parameters.
     """
 
     told: Told
@@ -105,6 +106,7 @@ class Pass(NamedTuple):
     blocks: Float[np.ndarray, "block parameter"]
     log_likelihood: Float[np.ndarray, " sample"]
     whitened: Float[np.ndarray, "sample row"]
+    moved: Float[np.ndarray, "state parameter"]
 
 
 def along(rows: Row, nominal: State, beginning: Beginning) -> Path:
@@ -193,10 +195,10 @@ def passed(
         told = _sum(told, mine, float(present[wanted].sum()))
         apart = _sum(apart, others, float(present[~wanted].sum()))
         first += count
-    scores = np.concatenate(blocks)
+    scores, end = np.concatenate(blocks), np.asarray(sensitivity)
     if chosen is not None:
         told, apart = _placed(told, asked, every), _placed(apart, asked, every)
-        scores = _columns(scores, asked, every)
+        scores, end = _columns(scores, asked, every), _columns(end, asked, every)
     return Pass(
         told,
         apart,
@@ -204,6 +206,7 @@ def passed(
         scores,
         np.concatenate([done.log_likelihood for done in steps]),
         np.concatenate([done.whitened for done in steps]),
+        end,
     )
 
 

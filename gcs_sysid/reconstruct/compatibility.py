@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,7 @@ from gcs_sysid.reconstruct.reconstruction import Reconstruction
 
 LARGE = 3.0
 """An error counts as found when it is this many standard deviations from zero."""
+CONSISTENT = "consistent"
 SPEED_DAMPING = 0.15
 """Drag and propeller slow a small aircraft that meets a head gust, 1/s."""
 
@@ -44,7 +45,7 @@ class Channel:
 
     `noise` is the white noise found; `nis` the mean squared normalised innovation of one value (1
     for a consistent filter), `whiteness` the correlation of successive innovations with its 95 %
-    limit.
+    limit. `lag` is that of first order behind what is measured, which only the aided filter finds.
     """
 
     unit: str
@@ -57,14 +58,16 @@ class Channel:
     whiteness: float | None
     whiteness_limit: float | None
     verdict: str
+    lag: Estimate | None = None
 
 
 @dataclass(frozen=True)
 class Compatibility:
-    """All channels, and the whole in words."""
+    """All channels, the whole in words, and by which filter."""
 
     channels: Mapping[str, Channel]
     verdict: str
+    filter: Literal["kinematic", "aided"] = "kinematic"
 
 
 ORDINARY: Mapping[str, tuple[float, float, float]] = {
@@ -129,7 +132,7 @@ def check(reconstruction: Reconstruction) -> Compatibility:
                 delay=_estimate(reconstruction, "vane_delay", 0, "s"),
                 name=name,
             )
-    return Compatibility(channels, _verdict(channels))
+    return Compatibility(channels, together(channels, "the kinematics of the others"))
 
 
 def _attitude_bias(reconstruction: Reconstruction, index: int) -> Estimate:
@@ -171,7 +174,7 @@ def _inertial(
     spread = reconstruction.deviation(f"{sensor}_bias")[:, index]
     bias = Estimate(float(drift.mean()), float(spread.mean()), unit)
     scale = _estimate(reconstruction, f"{sensor}_scale", index, "1")
-    verdict = _words(sensor, bias, scale, None, None)
+    verdict = words(sensor, bias, scale, None, None)
     return Channel(unit, bias, scale, None, noise, None, None, None, None, verdict)
 
 
@@ -190,13 +193,13 @@ def _measured(
     smoothed = reconstruction.smoothed
     seen = np.isfinite(smoothed.innovation_deviation[:, row])
     ratio = (smoothed.innovation[:, row] / smoothed.innovation_deviation[:, row])[seen]
-    nis, band, whiteness, limit = _innovations(ratio)
+    nis, band, whiteness, limit = innovations(ratio)
     noise = float(reconstruction.noise.measured[row])
-    verdict = _words(name or group, bias, scale, delay, nis)
+    verdict = words(name or group, bias, scale, delay, nis)
     return Channel(unit, bias, scale, delay, noise, nis, band, whiteness, limit, verdict)
 
 
-def _innovations(
+def innovations(
     ratio: Float[np.ndarray, " sample"],
 ) -> tuple[float, tuple[float, float], float, float]:
     """Mean square of normalised innovations with its 95 % band, lag-one correlation with its limit.
@@ -213,12 +216,13 @@ def _innovations(
     return nis, (float(1.0 - half), float(1.0 + half)), lag, float(1.96 / np.sqrt(count))
 
 
-def _words(
+def words(
     sensor: str,
     bias: Estimate | None,
     scale: Estimate | None,
     delay: Estimate | None,
     nis: float | None,
+    *more: str,
 ) -> str:
     """What stands out of one channel, in a flight-test engineer's words."""
     found = []
@@ -228,15 +232,20 @@ def _words(
     ):
         if estimate is None:
             continue
-        sure = abs(estimate.value) > LARGE * estimate.deviation
-        if sure and abs(estimate.value) > limit:
-            found.append(f"{label} {_readable(estimate)}")
+        if stands_out(estimate, limit):
+            found.append(f"{label} {readable(estimate)}")
     if nis is not None and nis > 2.0:
         found.append(f"innovations {np.sqrt(nis):.1f} times larger than the filter expects")
-    return "; ".join(found) if found else "consistent"
+    found += more
+    return "; ".join(found) if found else CONSISTENT
 
 
-def _readable(estimate: Estimate) -> str:
+def stands_out(estimate: Estimate, ordinary: float) -> bool:
+    """Whether an error is surely there, and larger than is ordinary."""
+    return abs(estimate.value) > max(LARGE * estimate.deviation, ordinary)
+
+
+def readable(estimate: Estimate) -> str:
     """Value ± one standard deviation in the unit a person would use."""
     factor, unit = {
         "rad": (np.rad2deg(1.0), "°"),
@@ -247,12 +256,13 @@ def _readable(estimate: Estimate) -> str:
     return f"{factor * estimate.value:+.3g} ± {factor * estimate.deviation:.2g}{unit}"
 
 
-def _verdict(channels: Mapping[str, Channel]) -> str:
+def together(channels: Mapping[str, Channel], agree_with: str) -> str:
+    """The whole in words."""
     odd = [
         f"{name}: {channel.verdict}"
         for name, channel in channels.items()
-        if channel.verdict != "consistent"
+        if channel.verdict != CONSISTENT
     ]
     if not odd:
-        return "The sensors tell one story: every channel agrees with the kinematics of the others."
+        return f"The sensors tell one story: every channel agrees with {agree_with}."
     return "The sensors do not quite agree. " + ". ".join(odd) + "."

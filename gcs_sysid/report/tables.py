@@ -94,7 +94,7 @@ def _channel(name: str, entry: Mapping) -> Channel:
         name=labels.sensor(name),
         bias=_interval(entry, "bias", _keep_ratio(unit)),
         scale=_interval(entry, "scale", "1"),
-        delay=_interval(entry, "delay", "s"),
+        delay=_delay(entry),
         nis=NOTHING if nis is None else _with_band(nis, band),
         inside=inside,
         whiteness=_against(entry.get("whiteness"), entry.get("whiteness_limit")),
@@ -111,6 +111,12 @@ def _keep_ratio(unit: str) -> str:
 def _interval(entry: Mapping, key: str, unit: str) -> str:
     sd = entry.get(f"{key}_sd")
     return quantity(entry.get(key), None if sd is None else SIGMAS_95 * sd, unit)
+
+
+def _delay(entry: Mapping) -> str:
+    """How late a channel is, and how it lags, where that is told."""
+    delay = _interval(entry, "delay", "s")
+    return f"{delay}, lag {_interval(entry, 'lag', 's')}" if entry.get("lag") is not None else delay
 
 
 def _with_band(nis: float, band: Sequence[float] | None) -> str:
@@ -146,10 +152,20 @@ def sensors(summary: Mapping) -> tuple[Item, ...]:
         for axis, value, sd in zip(("north", "east", "down"), wind["value"], sds, strict=True):
             entry = {"value": value, "sd": sd, "unit": wind.get("unit", "m/s")}
             items.append(Item(f"wind toward {axis}", _value(entry)))
-    gust = reconstruction.get("gust_sd")
-    if gust:
-        items.append(Item("gusts, one sd", _value(gust)))
+    items += [
+        Item(words, _value(reconstruction[key]))
+        for key, words in _GUSTS.items()
+        if reconstruction.get(key)
+    ]
     return tuple(items)
+
+
+_GUSTS = {
+    "gust_sd": "gusts, one sd",
+    "gust_length": "gusts, length",
+    "gust_sd_vertical": "vertical gusts, one sd",
+    "gust_length_vertical": "vertical gusts, length",
+}
 
 
 def delays(summary: Mapping) -> tuple[Item, ...]:

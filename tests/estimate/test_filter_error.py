@@ -320,7 +320,7 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
     )
     told = Told(np.zeros((1, 1)), np.zeros(1), 0.0)
     path = Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1))))
-    nothing = Pass(told, told, path, np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1)))
+    nothing = Pass(told, told, path, np.zeros((1, 1)), np.zeros(1), *[np.zeros((1, 1))] * 2)
     free = np.zeros(1, dtype=bool)
     lefts: list[float] = []
 

@@ -26,7 +26,7 @@ SIZES = np.where(DERIVATIVES, 0.3 * np.abs(FLAT), 0.0)
 NOTHING = Pass(
     *[Told(np.zeros((1, 1)), np.zeros(1), 1.0)] * 2,
     Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1)))),
-    *(np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1))),
+    *(np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1))),
 )
 
 

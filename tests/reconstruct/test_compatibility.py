@@ -98,7 +98,7 @@ def test_innovations_of_a_consistent_filter_lie_in_their_band() -> None:
     rng = np.random.default_rng(6)
     inside = []
     for _ in range(400):
-        nis, (low, high), whiteness, limit = compatibility._innovations(rng.standard_normal(300))
+        nis, (low, high), whiteness, limit = compatibility.innovations(rng.standard_normal(300))
         inside.append((low < nis < high, abs(whiteness) < limit))
     # Binomial: 400 trials at 0.95 have a standard deviation of 0.011.
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.035)
@@ -108,7 +108,7 @@ def test_coloured_innovations_are_told_from_white_ones() -> None:
     rng = np.random.default_rng(7)
     white = rng.standard_normal(500)
     coloured = white[1:] + 0.5 * white[:-1]
-    _, _, whiteness, limit = compatibility._innovations(coloured)
+    _, _, whiteness, limit = compatibility.innovations(coloured)
     assert whiteness == pytest.approx(0.5 / 1.25, abs=0.1)  # lag one of a moving average
     assert whiteness > limit
 
@@ -123,7 +123,7 @@ def test_coloured_innovations_are_told_from_white_ones() -> None:
     ],
 )
 def test_numbers_are_told_in_units_a_person_uses(estimate: Estimate, words: str) -> None:
-    assert compatibility._readable(estimate) == words
+    assert compatibility.readable(estimate) == words
     assert replace(estimate).document() == {
         "value": estimate.value,
         "sd": estimate.deviation,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -31,7 +32,7 @@ SUFFIX: Mapping[Format, str] = {"control": ".json", "matlab": ".mat", "jsbsim": 
     metavar="V",
     type=click.FloatRange(min=0.0, min_open=True),
     multiple=True,
-    help="True airspeed of level flight, m/s; may be given several times. "
+    help="True airspeed of steady flight, m/s; may be given several times. "
     "By default one from the envelope.",
 )
 @click.option(
@@ -41,6 +42,22 @@ SUFFIX: Mapping[Format, str] = {"control": ".json", "matlab": ".mat", "jsbsim": 
     default=100.0,
     show_default=True,
     help="Height above sea level, m.",
+)
+@click.option(
+    "--bank",
+    metavar="DEG",
+    type=click.FloatRange(-80.0, 80.0),
+    default=0.0,
+    show_default=True,
+    help="Bank of a coordinated turn, right wing down, degrees; 0 flies straight.",
+)
+@click.option(
+    "--climb",
+    metavar="DEG",
+    type=click.FloatRange(-60.0, 60.0),
+    default=0.0,
+    show_default=True,
+    help="Angle of the flight path above level, degrees; a glide's is negative.",
 )
 @click.option(
     "--out",
@@ -56,13 +73,16 @@ def command(
     to: Format,
     airspeeds: Sequence[float],
     height: float,
+    bank: float,
+    climb: float,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Write a model for other tools.
 
-    To python-control and MATLAB go linear models of level flight at each airspeed, with one
-    standard deviation of every entry, and modes. To JSBSim goes the aircraft with its aerodynamics.
+    To python-control and MATLAB go linear models of steady flight at each airspeed, level or
+    climbing, straight or turning, with one standard deviation of every entry, and modes. To JSBSim
+    goes the aircraft with its aerodynamics.
     """
     numerics.enable()
     source = (model or aircraft or Path("model")).resolve()
@@ -77,7 +97,12 @@ def command(
     from gcs_sysid.offline import export
 
     document = export.linear(
-        aircraft, model, to, airspeeds=airspeeds, height=height, out=destination
+        *(aircraft, model, to),
+        airspeeds=airspeeds,
+        height=height,
+        bank=math.radians(bank),
+        climb=math.radians(climb),
+        out=destination,
     )
     output.show(document, f"{_text(document)}\n{destination}", as_json=as_json)
 
@@ -108,7 +133,10 @@ def _text(document: Mapping[str, Any]) -> str:
     """Every mode of every condition in a line."""
     lines = []
     for one in document["models"]:
-        lines.append(f"{document['aircraft']} at {one['airspeed']:.1f} m/s, {one['height']:.0f} m:")
+        turn = f", bank {math.degrees(one['bank']):.0f}°" if one["bank"] else ""
+        climb = f", climb {math.degrees(one['climb']):.1f}°" if one["climb"] else ""
+        at = f"{one['airspeed']:.1f} m/s, {one['height']:.0f} m{turn}{climb}"
+        lines.append(f"{document['aircraft']} at {at}:")
         lines += [f"  {_mode(mode)}" for mode in one["modes"]]
     return "\n".join(lines)
 
