@@ -242,7 +242,7 @@ def words(
 
 def stands_out(estimate: Estimate, ordinary: float) -> bool:
     """Whether an error is surely there, and larger than is ordinary."""
-    return abs(estimate.value) > max(LARGE * estimate.deviation, ordinary)
+    return bool(abs(estimate.value) > max(LARGE * estimate.deviation, ordinary))
 
 
 def readable(estimate: Estimate) -> str:

@@ -13,7 +13,15 @@ from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.figures.data import SIGMAS_95
 from gcs_sysid.figures.samples import Maneuver, Samples, column, residual
 from gcs_sysid.report import labels
-from gcs_sysid.report.numbers import NOTHING, duration, for_people, number, plus_minus, quantity
+from gcs_sysid.report.numbers import (
+    MINUS,
+    NOTHING,
+    duration,
+    for_people,
+    number,
+    plus_minus,
+    quantity,
+)
 
 
 @dataclass(frozen=True)
@@ -63,12 +71,13 @@ def _level(r2: float | None) -> str:
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel against the reconstruction."""
+    """One measured channel against the reconstruction; `lag` is empty where none is told."""
 
     name: str
     bias: str
     scale: str
     delay: str
+    lag: str
     nis: str
     inside: bool | None
     whiteness: str
@@ -94,7 +103,8 @@ def _channel(name: str, entry: Mapping) -> Channel:
         name=labels.sensor(name),
         bias=_interval(entry, "bias", _keep_ratio(unit)),
         scale=_interval(entry, "scale", "1"),
-        delay=_delay(entry),
+        delay=_interval(entry, "delay", "s"),
+        lag="" if entry.get("lag") is None else _interval(entry, "lag", "s"),
         nis=NOTHING if nis is None else _with_band(nis, band),
         inside=inside,
         whiteness=_against(entry.get("whiteness"), entry.get("whiteness_limit")),
@@ -113,12 +123,6 @@ def _interval(entry: Mapping, key: str, unit: str) -> str:
     return quantity(entry.get(key), None if sd is None else SIGMAS_95 * sd, unit)
 
 
-def _delay(entry: Mapping) -> str:
-    """How late a channel is, and how it lags, where that is told."""
-    delay = _interval(entry, "delay", "s")
-    return f"{delay}, lag {_interval(entry, 'lag', 's')}" if entry.get("lag") is not None else delay
-
-
 def _with_band(nis: float, band: Sequence[float] | None) -> str:
     if not band:
         return number(nis)
@@ -128,7 +132,12 @@ def _with_band(nis: float, band: Sequence[float] | None) -> str:
 def _against(value: float | None, limit: float | None) -> str:
     if value is None or limit is None:
         return number(value, 2)
-    return f"{number(value, 2)} (under {number(limit, 2)})"
+    return f"{_correlation(value)} (under {_correlation(limit)})"
+
+
+def _correlation(value: float) -> str:
+    # Nothing is not less than nothing.
+    return f"{round(value, 2) + 0.0:.2f}".replace("-", MINUS)
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,10 @@ def test_a_dutch_roll_of_real_roots_leaves_roll_and_spiral_their_names() -> None
 def test_deviations_are_those_of_draws_also_where_an_oscillation_nearly_ends(stiffness) -> None:
     """−2.7: nearly a double root, whose own first-order deviation says nothing."""
     place = {name: index for index, name in enumerate(STATES)}
-    entries = [("q", "alpha"), ("q", "q"), ("alpha", "alpha"), ("p", "p"), ("r", "beta")]
+    entries = [
+        *(("q", "alpha"), ("q", "q"), ("alpha", "alpha"), ("p", "p"), ("r", "beta")),
+        *(("V", "V"), ("alpha", "V"), ("p", "beta"), ("r", "r")),
+    ]
     dynamics = matrix(stiffness=stiffness)
     slopes = np.zeros((8, 8, len(entries)))
     for index, (row, column) in enumerate(entries):
@@ -131,13 +134,21 @@ def test_deviations_are_those_of_draws_also_where_an_oscillation_nearly_ends(sti
     found = {mode.name: mode for mode in named(dynamics, slopes, np.diag(spread**2))}
     drawn = np.random.default_rng(4).standard_normal((500, len(entries))) * spread
     many = [by_name(dynamics + slopes @ move) for move in drawn]
-    for name in ("short period", "dutch roll"):
+    for name in ("short period", "phugoid", "dutch roll"):
         for quantity in ("frequency", "damping"):
             values = [getattr(one[name], quantity).value for one in many]
             stated = getattr(found[name], quantity).deviation
             assert np.std(values) == pytest.approx(stated, rel=0.1), (name, quantity)
     rolling = [one["roll"].time_constants[0].value for one in many]
     assert np.std(rolling) == pytest.approx(found["roll"].time_constants[0].deviation, rel=0.1)
+    # A spiral is slow, and one over a root near zero no longer linear: its root is, and its time
+    # constant over a third of the deviations.
+    spiral = found["spiral"]
+    roots = [one["spiral"].roots[0].real for one in many]
+    assert np.std(roots) == pytest.approx(spiral.root_deviations[0][0], rel=0.1)
+    near = [by_name(dynamics + slopes @ (move / 3.0))["spiral"] for move in drawn]
+    lasting = [one.time_constants[0].value for one in near]
+    assert np.std(lasting) == pytest.approx(spiral.time_constants[0].deviation / 3.0, rel=0.1)
 
 
 def test_where_pitch_and_roll_do_not_come_apart_nothing_has_a_name() -> None:

@@ -10,8 +10,11 @@ import pytest
 from scipy import io
 
 from gcs_sysid import aircraft_file
+from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.cli import entry
 from gcs_sysid.maneuvers.information import lasting
+from gcs_sysid.model import eigenmodes
+from gcs_sysid.model.eigenmodes import Uncertain
 from gcs_sysid.offline import export, linear_models, model_store, tested
 from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.sitl import jsbsim_xml
@@ -67,6 +70,63 @@ def test_matlab_has_the_same(folder, exported) -> None:
         assert list(read["states"]) == one["states"]
         assert list(read["input_units"]) == one["input_units"]
         assert [str(mode["name"]) for mode in read["modes"]] == [m["name"] for m in one["modes"]]
+        assert float(read["bank"]) == 0.0
+        assert float(read["load_factor"]) == pytest.approx(1.0, rel=0.02)
+
+
+def test_matlab_has_every_mode_of_the_model_with_its_intervals(folder, exported) -> None:
+    """Numbers and deviations as of the linear model itself; NaN where there are none."""
+    target = folder / "modes.mat"
+    export.write(exported, "matlab", target)
+    read = io.loadmat(target, squeeze_me=True)["models"][0]["modes"]
+    _, (linear,) = linear_models.models(
+        folder / "made.toml", None, airspeeds=[AIRSPEED], height=100.0
+    )
+    modes = eigenmodes.modes(linear)
+    assert {mode.name for mode in modes} == {
+        "short period", "phugoid", "roll", "dutch roll", "spiral",
+    }  # fmt: skip
+    for there, mode in zip(read, modes, strict=True):
+        assert str(there["name"]) == mode.name
+        for name, wanted in (("frequency", mode.frequency), ("damping", mode.damping)):
+            if np.isnan(wanted.value):
+                assert np.isnan(float(there[name])), (mode.name, name)
+            else:
+                _same(there[name], wanted)
+        told = np.atleast_1d(there["time_constants"])
+        for one, wanted in zip(told, mode.time_constants, strict=True):
+            _same(one, wanted)
+        assert bool(there["stable"]) == mode.stable
+        for root, value, deviation in zip(
+            np.atleast_1d(there["roots"]), mode.roots, mode.root_deviations, strict=True
+        ):
+            assert complex(float(root["real"]), float(root["imag"])) == pytest.approx(value)
+            assert (float(root["real_sd"]), float(root["imag_sd"])) == pytest.approx(deviation)
+
+
+def _same(there: np.ndarray, wanted: Uncertain) -> None:
+    assert wanted.deviation > 0.0
+    assert float(there["value"]) == pytest.approx(wanted.value, rel=1e-9)
+    assert float(there["sd"]) == pytest.approx(wanted.deviation, rel=1e-6)
+
+
+def test_a_turn_and_a_climb_are_written_with_their_condition(folder, capsys) -> None:
+    target = folder / "turn.json"
+    arguments = ["export", "--aircraft", str(folder / "made.toml"), "--to", "control"]
+    condition = ["--airspeed", str(AIRSPEED), "--bank", "30", "--climb", "4"]
+    assert entry.main([*arguments, *condition, "--out", str(target)]) == 0
+    assert "at 20.0 m/s, 100 m, bank 30°, climb 4.0°:" in capsys.readouterr().out
+    [one] = json.loads(target.read_text(encoding="utf-8"))["models"]
+    assert np.rad2deg([one["bank"], one["climb"]]) == pytest.approx([30.0, 4.0])
+    assert one["turn_rate"] == pytest.approx(GRAVITY * np.tan(one["bank"]) / AIRSPEED, rel=0.02)
+    # Of what is felt in the aircraft, whose nose points up, a little is along it.
+    assert one["load_factor"] == pytest.approx(1.0 / np.cos(np.pi / 6.0), rel=0.03)
+    state = dict(zip(one["states"], one["trim_states"], strict=True))
+    assert state["phi"] == pytest.approx(one["bank"])
+    body = [state["p"], state["q"], state["r"]]
+    assert np.linalg.norm(body) == pytest.approx(one["turn_rate"])
+    assert {mode["name"] for mode in one["modes"]} >= {"short period", "roll", "dutch roll"}
+    assert all(value >= 0.0 for row in one["A_sd"] for value in row)
 
 
 def test_what_was_identified_has_its_own_intervals(folder, capsys) -> None:
@@ -125,6 +185,10 @@ def test_jsbsim_flies_the_identified_coefficients(folder) -> None:
     [
         (["--to", "control"], "--model DIR"),
         (["--aircraft", "made.toml", "--to", "control", "--airspeed", "90"], "cannot fly level"),
+        (
+            ["--aircraft", "made.toml", "--to", "control", "--airspeed", "20", "--climb", "40"],
+            "cannot fly straight with a climb angle of 40°",
+        ),
         (["--aircraft", "made.toml", "--to", "control", "--out", "made.toml"], "both read and"),
     ],
 )

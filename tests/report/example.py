@@ -313,6 +313,8 @@ def _channels() -> dict:
         | {
             "scale": 0.031,
             "scale_sd": 0.006,
+            "lag": 0.21,
+            "lag_sd": 0.01,
             "nis": 1.12,
             "verdict": "reads 3 % high, corrected; innovations a little large",
         },

@@ -132,6 +132,15 @@ def test_compatibility_speaks(page: Page, summary: dict) -> None:
         assert channel["verdict"] in page.words
     assert summary["compatibility"]["verdict"] in page.words
     assert "SERVO_OUTPUT_RAW66" in page.words.replace(" ", "")
+    assert "lag 210 ± 20 ms" in page.words
+    assert "Before any aerodynamics" in page.words
+
+
+def test_a_check_inside_the_filter_says_so(samples: dict[str, np.ndarray], summary: dict) -> None:
+    inside = summary | {"compatibility": summary["compatibility"] | {"filter": "aided"}}
+    words = Page(identify.render(inside, samples)).words
+    assert "Inside the aided filter" in words
+    assert "Before any aerodynamics" not in words
 
 
 def test_names_from_the_outside_are_escaped(samples: dict[str, np.ndarray], summary: dict) -> None:
