@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from gcs_sysid.errors import UsageError
-from gcs_sysid.gp import inducing, reservoir
+from gcs_sysid.gp import inducing, local, reservoir
 from gcs_sysid.gp.inducing import Basis, Information
-from gcs_sysid.gp.posterior import Posterior
+from gcs_sysid.gp.local import Local, Shape, Store
+from gcs_sysid.gp.posterior import Posterior, mean
 from gcs_sysid.gp.reservoir import Reservoir
 from gcs_sysid.gp.samples import Rows, padded
 
@@ -108,3 +111,27 @@ def posterior(learner: Learner) -> Posterior:
 def without(learner: Learner, flight: int) -> Posterior:
     """What all flights but one say: for judging the model on what it has not seen."""
     return inducing.posterior(learner.base, inducing.minus(learner.total, learner.flights[flight]))
+
+
+def residuals(learner: Learner) -> Store:
+    """What the global part leaves of the samples in the store; the stretch of each is its flight.
+
+    The store is bounded, thinned as flights go on, and loses a flight that is forgotten, and so
+    does what is built from it.
+
+    Raises:
+        UsageError: the store is empty.
+    """
+    kept = learner.store.rows()
+    count = kept.inputs.shape[0]
+    if count == 0:
+        raise UsageError("nothing is in the store; observe samples before asking for its residuals")
+    whole = posterior(learner)
+    said = [np.asarray(mean(whole, batch.inputs)) for batch in padded(kept, BATCH)]
+    left = (kept.values - np.concatenate(said)[:count]) * (kept.precision > 0.0)
+    return local.stored(kept._replace(values=left), learner.store.kept.flight)
+
+
+def local_part(learner: Learner, shape: Shape) -> Local:
+    """Neighbours for what the global part leaves, from the samples in the store."""
+    return local.built(shape, residuals(learner))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 from gcs_sysid.errors import UsageError
-from gcs_sysid.gp import exact, inducing, learner, posterior, refresh
+from gcs_sysid.gp import exact, inducing, learner, local, posterior, refresh
 from gcs_sysid.gp.dependent import Kernel, Points
+from gcs_sysid.gp.learner import Learner
 from gcs_sysid.gp.learning import Structure
 from gcs_sysid.gp.refresh import Refresher, Settings
 from gcs_sysid.gp.samples import Rows, some_of
 
 OUTPUTS, INPUTS, POINTS = 2, 2, 40
+ENOUGH = 80
+"""Points that hold what samples said well enough for a refresh to lose next to nothing."""
 KERNEL = Kernel(
     amplitude=jnp.array([[0.8, -0.6]]),
     scale=jnp.full((1, 1, INPUTS), 1.2),
@@ -39,18 +43,19 @@ def flown(seed: int, count: int) -> Rows:
     return Rows(inputs, values, precision)
 
 
-def make_base(seed: int = 3) -> inducing.Basis:
+def make_base(seed: int = 3, count: int = POINTS) -> inducing.Basis:
     random = np.random.default_rng(seed)
-    points = Points(random.uniform(-2.0, 2.0, (POINTS, INPUTS)), np.arange(POINTS) % OUTPUTS)
+    points = Points(random.uniform(-2.0, 2.0, (count, INPUTS)), np.arange(count) % OUTPUTS)
     return inducing.basis(KERNEL, NOISE, jnp.ones(OUTPUTS), points)
 
 
 def nlpd(known: posterior.Posterior, rows: Rows, noise: np.ndarray) -> float:
-    """Mean negative log density of unseen noise-free values plus the noise [nat a value]."""
+    """Mean negative log density of unseen noise-free values plus the noise [nat a sample]."""
     found = posterior.predict(known, rows.inputs)
     total = np.asarray(found.variance) + noise[None, :]
     error = rows.values - np.asarray(found.mean)
-    return float(np.mean(0.5 * (np.log(2.0 * np.pi * total) + error**2 / total)))
+    density = 0.5 * (np.log(2.0 * np.pi * total) + error**2 / total)
+    return float(np.mean(np.sum(density, axis=1)))
 
 
 @pytest.fixture(scope="module")
@@ -140,15 +145,15 @@ def test_carried_information_is_exact_where_the_new_points_hold_the_old(base):
 
 
 SETTINGS = Settings(
-    structure=Structure(latents=1), points=POINTS, rows=150, scaffold=10, candidates=60,
+    structure=Structure(latents=1), points=ENOUGH, rows=150, scaffold=10, candidates=ENOUGH,
     starts=2, steps=25,
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("capacity", [2000, 200])
-def test_a_refresh_loses_at_most_two_hundredths_of_a_nat(base, capacity):
+def test_a_refresh_loses_at_most_two_hundredths_of_a_nat(capacity):
     """Against the batch of all samples on the refreshed basis; with a store of all, and a tenth."""
-    rows = flown(11, 2000)
+    base, rows = make_base(count=ENOUGH), flown(11, 2000)
     known = learner.observe(learner.start(base, capacity=capacity), rows, 0)
     fresh = refresh.refreshed(known, SETTINGS)
     batch = learner.observe(learner.start(fresh.base, capacity=1), rows, 0)
@@ -176,3 +181,80 @@ def test_what_comes_during_a_refresh_is_in_the_new_learner(base):
     whole = learner.observe(learner.start(held.learner.base, capacity=1), rows, 0)
     whole = learner.observe(whole, some_of(rows, np.arange(5)), 1)
     same(learner.posterior(held.learner), learner.posterior(whole))
+
+
+def test_observing_does_not_wait_for_a_refresh(base, monkeypatch):
+    """What is served meanwhile is the old learner with the samples that came, and then the new."""
+    go, other = threading.Event(), make_base(14)
+
+    def slow(old: Learner, settings: Settings) -> Learner:
+        go.wait()
+        return refresh.moved(old, other)
+
+    monkeypatch.setattr(refresh, "refreshed", slow)
+    rows = flown(15, 60)
+    worker = ThreadPoolExecutor(max_workers=1)
+    first = learner.observe(learner.start(base, capacity=100), rows, 0)
+    held = Refresher(first, SETTINGS, worker)
+    try:
+        held.begin()
+        for index in range(5):
+            held.observe(some_of(rows, np.array([index])), 1)
+        assert not go.is_set()
+        assert held.learner.base is base
+        assert held.learner.count == 65
+    finally:
+        go.set()
+    # The one thread is through with the refresh when it comes to this.
+    worker.submit(lambda: None).result()
+    held.observe(some_of(rows, np.array([5])), 1)
+    assert held.learner.base is other
+    assert held.learner.count == 66
+    worker.shutdown()
+
+
+SHAPE = local.Shape(np.array([1.0, 0.5, 0.5]), np.array([0.02, 0.02]), np.array([0.01, 0.04]))
+
+
+def same_neighbours(known: Learner, rows: Rows) -> None:
+    """The local part is that of the samples `rows`, on what the global part leaves of them."""
+    explained = np.asarray(posterior.mean(learner.posterior(known), rows.inputs))
+    left = (rows.values - explained) * (rows.precision > 0.0)
+    one = np.zeros(rows.inputs.shape[0], dtype=int)
+    wanted = local.built(SHAPE, local.stored(rows._replace(values=left), one))
+    inputs = flown(98, 6).inputs
+    for part, right in zip(
+        local.predict(learner.local_part(known, SHAPE), inputs),
+        local.predict(wanted, inputs),
+        strict=True,
+    ):
+        np.testing.assert_allclose(part, right, atol=1e-8)
+
+
+def test_the_local_part_follows_what_is_forgotten_and_refreshed(base):
+    first, second = flown(16, 50), flown(17, 50)
+    known = learner.observe(learner.start(base, capacity=200), first, 1)
+    both = learner.observe(known, second, 2)
+    same_neighbours(both, Rows(*map(np.concatenate, zip(first, second, strict=True))))
+    forgotten = learner.forget(both, 2)
+    same_neighbours(forgotten, first)
+    same_neighbours(refresh.moved(forgotten, make_base(18)), first)
+    with pytest.raises(UsageError, match="nothing is in the store"):
+        learner.local_part(learner.forget(forgotten, 1), SHAPE)
+
+
+def test_a_flight_is_forgotten_after_a_refresh_of_both():
+    """With a tenth of both in the store: against the other flight alone on the refreshed basis."""
+    base, first, second = make_base(count=ENOUGH), flown(19, 1000), flown(20, 1000)
+    known = learner.observe(learner.start(base, capacity=200), first, 1)
+    fresh = refresh.refreshed(learner.observe(known, second, 2), SETTINGS)
+    left = learner.forget(fresh, 2)
+    alone = learner.observe(learner.start(fresh.base, capacity=1), first, 1)
+    unseen = flown(21, 500)
+    unseen = unseen._replace(values=truth(unseen.inputs))
+    noise = np.asarray(NOISE)
+    lost = nlpd(learner.posterior(left), unseen, noise) - nlpd(
+        learner.posterior(alone), unseen, noise
+    )
+    assert lost < 0.02
+    assert left.count == 1000
