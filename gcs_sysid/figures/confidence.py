@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,8 @@ _KINDS: tuple[tuple[str, str, Role], ...] = (
     ("noisy data", "noisy data", "second"),
     ("no data", "no data", "limit"),
 )
+NAMED = 8
+"""Derivatives that the caption names."""
 
 
 def maps(summary: Mapping) -> tuple[Figure, ...]:
@@ -59,10 +61,27 @@ def _caption(found: Mapping) -> str:
         "spread in the flights."
     )
     whole = [one for one in found["low"] if one["derivative"] is None]
-    if not whole:
-        return words + " All of them are known throughout."
-    worst = max(whole, key=lambda one: one["share_of_cells"])
-    return words + (
-        f" Least is known of {worst['coefficient']}: {100.0 * worst['share_of_cells']:.0f} % of "
-        f"the cells are low in confidence for {worst['reason']}."
-    )
+    if whole:
+        worst = max(whole, key=lambda one: one["share_of_cells"])
+        words += (
+            f" Least is known of {worst['coefficient']}: {100.0 * worst['share_of_cells']:.0f} % "
+            f"of the cells are low in confidence for {worst['reason']}."
+        )
+    else:
+        words += " All of them are known throughout."
+    return words + _slopes(found["low"])
+
+
+def _slopes(low: Sequence[Mapping]) -> str:
+    """Derivatives that are low in confidence somewhere, those in the most cells first."""
+    share: dict[str, float] = {}
+    for one in low:
+        if one["derivative"] is not None:
+            name = f"{one['coefficient']}_{one['derivative']}"
+            share[name] = share.get(name, 0.0) + one["share_of_cells"]
+    if not share:
+        return " So are their derivatives."
+    most = sorted(share, key=lambda name: -share[name])
+    named = ", ".join(f"{name} ({100.0 * share[name]:.0f} %)" for name in most[:NAMED])
+    rest = f" and {len(most) - NAMED} more" if len(most) > NAMED else ""
+    return f" Derivatives low in confidence, by share of the cells: {named}{rest}."

@@ -45,5 +45,24 @@ def test_the_caption_names_the_coefficient_known_least():
     )
 
 
+def test_the_caption_names_the_derivatives_known_least():
+    (figure,) = confidence.maps(SUMMARY)
+    assert "Derivatives low in confidence, by share of the cells: Cm_alpha (100 %)." in (
+        figure.caption
+    )
+    many = [
+        {"coefficient": "Cn", "derivative": name, "reason": reason, "share_of_cells": 0.2}
+        for name in "abcdefghij"
+        for reason in ("no data", "noisy data")
+    ]
+    found = {**SUMMARY["confidence"], "low": [*SUMMARY["confidence"]["low"], *many]}
+    (figure,) = confidence.maps({"confidence": found})
+    assert "Cm_alpha (100 %), Cn_a (40 %), Cn_b (40 %)" in figure.caption
+    assert figure.caption.endswith("Cn_g (40 %) and 3 more.")
+    known = {**SUMMARY["confidence"], "low": []}
+    (figure,) = confidence.maps({"confidence": known})
+    assert figure.caption.endswith("All of them are known throughout. So are their derivatives.")
+
+
 def test_a_summary_without_a_map_has_no_figure():
     assert confidence.maps({}) == ()

@@ -234,6 +234,89 @@ def test_more_samples_in_place_of_the_first_keep_what_was_judged(found):
     np.testing.assert_allclose(float(fitting.predict(again, here).mean[0, 0]), 0.27, atol=0.02)
 
 
+def bent(seed: int, count: int = 900) -> Data:
+    """Both coefficients over the angle of attack alone; CZ has a sharp bend and Cm is nothing."""
+    made = data(seed, count)
+    bend = 3.0 * np.abs(made.inputs[:, :1] - BREAK) * (1.0, 0.0)
+    return replace(
+        made,
+        inputs=made.inputs[:, :1],
+        values=made.values - np.stack([missed(made.inputs[:, 0]), np.zeros(count)], 1) + bend,
+        input_variance=made.input_variance[:, :1],
+        slopes=made.slopes[:, :, :1],
+    )
+
+
+def test_a_bend_earns_the_local_part():
+    """Five inducing points round off the bend; neighbours bring back most of what is lost."""
+    effort = replace(EFFORT, settings=replace(EFFORT.settings, points=5))
+    found = fitting.fit(bent(1), effort)
+    assert found.use_local.tolist() == [True, False]
+    assert found.gain.local_part[0] > 0.05
+    inputs = np.linspace(-0.09, 0.19, 200)[:, None]
+
+    def missing(one: Fitted) -> float:
+        wanted = 3.0 * np.abs(inputs[:, 0] - BREAK)
+        return float(np.sqrt(np.mean((fitting.predict(one, inputs).mean[:, 0] - wanted) ** 2)))
+
+    for one in (found, fitting.more(found, bent(2), effort)):
+        assert one.use_local.tolist() == [True, False]
+        alone = replace(one, use_local=np.zeros(2, dtype=bool), local=None)
+        assert missing(one) < 0.5 * missing(alone)
+
+
+def unsure(seed: int, *, told: bool) -> Data:
+    """Every other stretch has an angle of attack that is wrong by 0.03, and says so if `told`.
+
+    The polynomial's slope of −4 makes an error of the values of it.
+    """
+    made = data(seed)
+    deviation = 0.03 * (made.piece % 2 == 0)
+    wrong = deviation * np.random.default_rng(seed + 7).normal(size=deviation.size)
+    inputs, values, slopes = made.inputs.copy(), made.values.copy(), made.slopes.copy()
+    inputs[:, 0] += wrong
+    values[:, 0] += 4.0 * wrong
+    slopes[:, 0, 0] = -4.0
+    variance = np.zeros(inputs.shape)
+    variance[:, 0] = told * deviation**2
+    return replace(made, inputs=inputs, values=values, slopes=slopes, input_variance=variance)
+
+
+def test_errors_of_inputs_count_where_they_are_told():
+    """Density of clean samples under the function that was learned, told and untold [nat]."""
+    clean = data(77)
+    density = []
+    for told in (True, False):
+        found = fitting.fit(unsure(1, told=told), replace(EFFORT, local=False))
+        belief = fitting.predict(found, clean.inputs)
+        total = belief.variance[:, 0] + NOISE**2
+        error = clean.values[:, 0] - belief.mean[:, 0]
+        density.append(np.mean(0.5 * (np.log(2.0 * np.pi * total) + error**2 / total)))
+    assert density[0] < density[1] - 0.3
+
+
+def wavy(seed: int, count: int) -> Data:
+    """Waves with noise of `NOISE`, of which a ninth of the variance is stated."""
+    made = data(seed, count)
+    alpha, elevator = 20.0 * made.inputs.T
+    waves = np.stack([np.sin(alpha) * np.cos(0.5 * elevator), np.cos(alpha + 0.5 * elevator)], 1)
+    noise = NOISE * np.random.default_rng(seed + 3).normal(size=waves.shape)
+    return replace(made, values=0.1 * waves + noise, variance=made.variance / 9.0)
+
+
+def test_what_is_not_stated_is_found_on_samples_that_were_not_fitted():
+    """On 120 samples the waves fit half of the noise away: judged by itself the fit is too sure."""
+    found = fitting.fit(wavy(1, 120), replace(EFFORT, local=False))
+    assert found.use_global.all()
+    # The variance of 120 samples is itself known to a seventh.
+    np.testing.assert_allclose(found.discrepancy, 8.0 / 9.0 * NOISE**2, rtol=0.3)
+    fresh = wavy(51, 3000)
+    belief = fitting.predict(found, fresh.inputs)
+    deviation = np.sqrt(belief.variance + found.discrepancy + fresh.variance)
+    inside = np.mean(np.abs(fresh.values - belief.mean) < 1.959964 * deviation, axis=0)
+    assert np.all((inside > 0.93) & (inside < 0.97))
+
+
 def test_the_map_tells_no_data_from_noisy_data(model):
     random = np.random.default_rng(4)
     values = {
@@ -254,6 +337,15 @@ def test_the_map_tells_no_data_from_noisy_data(model):
     lowest = [one for one in told["low"] if one["coefficient"] == "CZ"]
     assert {one["reason"] for one in lowest} >= {"no data"}
     assert told["coefficients"]["CZ"]["sd"].shape == confidence.CELLS
+    # Where the coefficient itself varies half as much, what it is known to is no longer enough.
+    half = replace(flown, measured={**measured, "CZ": 0.5 * measured["CZ"]})
+    noisy = confidence.over_envelope(model, half, alpha=(-0.2, 0.3), beta=(-0.1, 0.1))
+    told = confidence.document(noisy)
+    lift = np.array(told["coefficients"]["CZ"]["reason"])
+    assert set(lift[noisy.seconds >= confidence.SHORTEST]) == {"noisy data"}
+    # Its slope is known well enough wherever there was flight.
+    slopes = {one["reason"] for one in told["low"] if one["derivative"] == "alpha"}
+    assert slopes == {"no data"}
 
 
 def test_samples_that_repeat_each_other_are_counted():

@@ -245,6 +245,23 @@ def test_the_summary_has_every_key_that_others_read(demo: Identified) -> None:
     assert all({"what", "why", "fly"} == item.keys() for item in summary["cannot_tell"])
 
 
+def test_the_summary_tells_where_the_aerodynamics_are_known(demo: Identified) -> None:
+    """Every coefficient and derivative of the map, and whether processes earned their place."""
+    told, table = demo.summary["confidence"], demo.table
+    assert set(told["coefficients"]) == set(COEFFICIENTS)
+    for name, terms in told["derivatives"].items():
+        wanted = {key for key in demo.summary["derivatives"][name] if key in table}
+        assert wanted <= terms.keys(), name
+    cells = (len(told["alpha"]) - 1, len(told["beta"]) - 1)
+    for entry in told["coefficients"].values():
+        assert np.shape(entry["reason"]) == np.shape(entry["sd"]) == cells
+    low = [one for one in told["low"] if one["reason"] == "no data"]
+    # The envelope is wider than what was flown.
+    assert {one["derivative"] is None for one in low} == {True, False}
+    process = demo.summary["gaussian_process"]
+    assert process["reason"] if not process["kept"] else process["coefficients"]
+
+
 def test_the_summary_on_disk_is_the_one_returned(demo: Identified) -> None:
     text = (demo.out / "summary.json").read_text(encoding="utf-8")
     assert json.loads(text, parse_constant=pytest.fail) == demo.summary
