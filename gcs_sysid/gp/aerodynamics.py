@@ -13,7 +13,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from gcs_sysid.aircraft import COEFFICIENTS
@@ -23,6 +23,9 @@ from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent, fitting, posterior
 from gcs_sysid.gp.fitting import Fitted
 from gcs_sysid.gp.posterior import Posterior
+
+TOLD = 0.1
+"""Share of a process's prior variance that data must have taken away for it to count as told."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +120,18 @@ class LearnedModel(AeroModel):
 
         Near 0 the answer is the prior: the polynomial alone, with the deviation it had before.
         """
-        row = self.outputs.index(name)
-        scaled = self.process.scaled(self._rows(values))
-        prior = float(dependent.variance(self.process.base.kernel)[row])
-        left = np.asarray(fitting.in_batches(self.process.posterior, scaled).variance)[:, row]
-        return 1.0 - left / prior
+        return self._known(values)[:, self.outputs.index(name)]
+
+    def untold(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> dict[str, Bool[np.ndarray, " sample"]]:
+        """Where the global part of each coefficient that has one extrapolates; see `TOLD`."""
+        known = self._known(values)
+        return {
+            name: known[:, row] < TOLD
+            for row, name in enumerate(self.outputs)
+            if self.process.use_global[row]
+        }
 
     def region(
         self, values: Mapping[str, Float[np.ndarray, " sample"]]
@@ -137,6 +147,14 @@ class LearnedModel(AeroModel):
         if not self._has(name):
             return super().discrepancy(name)
         return float(np.sqrt(self.process.discrepancy[self.outputs.index(name)]))
+
+    def _known(
+        self, values: Mapping[str, Float[np.ndarray, " sample"]]
+    ) -> Float[np.ndarray, "sample output"]:
+        scaled = self.process.scaled(self._rows(values))
+        prior = np.asarray(dependent.variance(self.process.base.kernel))
+        left = np.asarray(fitting.in_batches(self.process.posterior, scaled).variance)
+        return 1.0 - left / prior[None, :]
 
     def _has(self, name: str) -> bool:
         if name not in self.outputs:
@@ -162,6 +180,13 @@ def stacked(
     if missing:
         raise UsageError(f"the learned model needs {', '.join(missing)}; add it to `values`")
     return np.stack([np.asarray(values[name], dtype=float) for name in names], axis=-1)
+
+
+def untold(
+    model: AeroModel, values: Mapping[str, Float[np.ndarray, " sample"]]
+) -> dict[str, Bool[np.ndarray, " sample"]]:
+    """`LearnedModel.untold` of any model; nothing of a polynomial."""
+    return model.untold(values) if isinstance(model, LearnedModel) else {}
 
 
 @partial(

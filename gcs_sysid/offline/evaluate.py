@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from gcs_sysid.errors import InputError
 from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.gp import aerodynamics
 from gcs_sysid.offline import documents, model_store
 
 
@@ -93,13 +94,15 @@ def _values(table: pa.Table, model: AeroModel, path: Path) -> dict[str, np.ndarr
 
 
 def _outside(model: AeroModel, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Rows at which some regressor lies outside the range of the data."""
+    """Rows at which a regressor lies outside the range of the data, or a process has none."""
     count = len(next(iter(values.values())))
     outside = np.zeros(count, dtype=bool)
     for fit in model.fits.values():
         for key, low, high in zip(fit.keys, fit.lowest, fit.highest, strict=True):
             if key in values:
                 outside |= (values[key] < low) | (values[key] > high)
+    for unknown in aerodynamics.untold(model, values).values():
+        outside |= unknown
     return outside
 
 

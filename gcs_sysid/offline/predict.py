@@ -10,6 +10,7 @@ import numpy as np
 
 from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.estimate.surface_delay import Delay
+from gcs_sysid.gp import aerodynamics
 from gcs_sysid.offline import (
     advice,
     aided_fit,
@@ -25,6 +26,8 @@ from gcs_sysid.offline.flight import Flight, Progress
 
 Method = Literal["auto", "filter-error", "kinematic"]
 ASKED, CALM = "asked for", "calm air, in which kinematics know the flow"
+LITTLE = 0.02
+"""Share of a flight outside what the model was made from that is not worth a warning."""
 OUTSIDE = "the model was made from kinematic states, and goes with them"
 
 
@@ -120,7 +123,7 @@ def _with_states(
 
 
 def _beyond(table: dict[str, np.ndarray], stored: model_store.StoredModel) -> list[str]:
-    """Regressors that left the range the model was fitted on."""
+    """Regressors that left the range the model was fitted on, and processes that were not told."""
     out = []
     used = table["maneuver"] >= 0
     ranges: dict[str, tuple[float, float]] = {}
@@ -131,9 +134,17 @@ def _beyond(table: dict[str, np.ndarray], stored: model_store.StoredModel) -> li
     for key, (low, high) in ranges.items():
         values = table[key][used]
         share = float(np.mean((values < low) | (values > high)))
-        if share > 0.02:
+        if share > LITTLE:
             out.append(
                 f"{key} is outside the range the model was fitted on for {100.0 * share:.0f} % of "
                 "this flight: the prediction extrapolates there"
+            )
+    values = {name: table[name][used] for name in stored.model.variables if name in table}
+    for name, unknown in aerodynamics.untold(stored.model, values).items():
+        share = float(np.mean(unknown))
+        if share > LITTLE:
+            out.append(
+                f"{name}: for {100.0 * share:.0f} % of this flight the Gaussian process has no "
+                "data near by and returns to the polynomial: the prediction extrapolates there"
             )
     return out

@@ -17,7 +17,7 @@ from gcs_sysid.aircraft import COEFFICIENTS, CoefficientModel, Value
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.gp import confidence, fitting, local, noise, samples
-from gcs_sysid.gp.aerodynamics import LearnedModel, beyond
+from gcs_sysid.gp.aerodynamics import LearnedModel, beyond, untold
 from gcs_sysid.gp.confidence import Flown
 from gcs_sysid.gp.fitting import Data, Effort, Fitted
 from gcs_sysid.gp.learning import Structure
@@ -144,6 +144,9 @@ def test_beyond_the_data_it_is_the_polynomial_and_says_so(model):
         - polynomial().predict(far, measured=True)["CZ"].mean
     )
     np.testing.assert_allclose(gained[1], 0.0, atol=1e-6)
+    # Cm has no process, and says nothing of it.
+    assert {name: one.tolist() for name, one in untold(model, far).items()} == {"CZ": [False, True]}
+    assert untold(polynomial(), far) == {}
 
 
 def test_inside_the_flight_model_it_is_the_same_and_differentiable(model, asked):
