@@ -165,7 +165,7 @@ def means(cells: Sequence[np.ndarray] | Sequence[Sequence[float]]) -> list[str]:
     return rounded(np.array([*each.mean(axis=0), each[:, :3].mean(), each[:, 3:].mean()]))
 
 
-def with_structure(effort: Effort, *, latents: int, local: bool) -> Effort:
+def with_structure(effort: Effort, *, latents: int, local: bool, seed: int = 0) -> Effort:
     """The same effort on processes with so many shared ones, with or without a local part."""
-    structure = Structure(latents=latents)
-    return replace(effort, settings=replace(effort.settings, structure=structure), local=local)
+    settings = replace(effort.settings, structure=Structure(latents=latents), seed=seed)
+    return replace(effort, settings=settings, local=local)
