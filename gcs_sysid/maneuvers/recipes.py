@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -46,6 +47,8 @@ BEYOND = 1.5
 SAMPLED = 2.0
 """And never faster [Hz]: an inertial unit at 50 Hz gives 25 samples a period there (Klein &
 Morelli, *Aircraft System Identification*, 2006, section 9.1)."""
+SLOWEST = 2
+"""Lines of a multisine on an input that is slower than those beside it."""
 PULSE = 1.6
 """Length of the shortest step of a 3-2-1-1 or 2-1-1, over 1/ω (Hamel & Jategaonkar 1996)."""
 HALF = 2.3
@@ -136,7 +139,8 @@ class Place:
             wanted = BEYOND * max(self.frequencies.yaw, 0.5 * self.frequencies.roll)
         servo = axes.time_constant(self.aircraft, name)
         followed = 1.0 / servo if servo else np.inf
-        return float(np.clip(min(wanted, followed) / (2.0 * np.pi), 4.0 * SLOW, SAMPLED))
+        band = np.clip(wanted / (2.0 * np.pi), 4.0 * SLOW, SAMPLED)
+        return float(min(band, followed / (2.0 * np.pi)))
 
     def rise(self, name: str) -> float:
         """Time that its servos need for an edge [s]."""
@@ -167,20 +171,27 @@ def every(at: Place) -> Iterator[Recipe]:
 
 
 def _time(duration: float) -> Float[np.ndarray, " sample"]:
-    return STEP * np.arange(round(duration / STEP) + 1)
+    """To the first sample at which the input is over: one before may stand on its last edge."""
+    return STEP * np.arange(math.ceil(duration / STEP - 1e-6) + 1)
 
 
 def _multisine(
     at: Place, inputs: tuple[str, ...], *, lowest: float
 ) -> Float[np.ndarray, "sample input"]:
-    """Interleaved lines, those of each input up to its own last frequency."""
+    """Interleaved lines, those of each input up to its own last frequency.
+
+    An input whose servos follow none of these has slower ones of its own.
+    """
     first = max(2, round(lowest * PERIOD))
     last = max(round(at.last(name) * PERIOD) for name in inputs)
     dealt = multisine.interleaved(first, max(last, first + 2 * len(inputs)), len(inputs))
-    time, shapes = _time(PERIOD), {}
+    time, shapes, taken = _time(PERIOD), {}, set[int]()
     for name, lines in zip(inputs, dealt, strict=True):
-        kept = [line for line in lines if line <= at.last(name) * PERIOD]
-        shapes[name] = multisine.multisine(kept or lines[:2], PERIOD, time)
+        most = math.floor(at.last(name) * PERIOD)
+        kept = [line for line in lines if line <= most]
+        kept = kept or [line for line in range(1, most + 1) if line not in taken][-SLOWEST:]
+        taken |= set(kept)
+        shapes[name] = multisine.multisine(kept or (1,), PERIOD, time)
     return at.sized(at.columns(PERIOD, shapes))
 
 
@@ -188,7 +199,8 @@ def _multisines(
     at: Place, inputs: tuple[str, ...], coefficients: tuple[str, ...]
 ) -> Iterator[Recipe]:
     fastest = max(at.last(name) for name in inputs)
-    for label, lowest in (("multisine", SLOW), ("fast_multisine", 0.45 * fastest)):
+    slow = min(SLOW, 0.5 * fastest)
+    for label, lowest in (("multisine", slow), ("fast_multisine", 0.45 * fastest)):
         yield Recipe(
             f"{'_'.join(inputs)}_{label}",
             "multisine",
@@ -250,7 +262,9 @@ def _pulse_length(at: Place, name: str, length: float, count: int) -> float:
 def _sweeps(at: Place, inputs: tuple[str, ...], coefficients: tuple[str, ...]) -> Iterator[Recipe]:
     time = _time(SWEEP)
     for name in inputs:
-        shape = sweep.sweep(SLOW, at.last(name), SWEEP, time)
+        last = at.last(name)
+        first = min(SLOW, 0.5 * last)
+        shape = sweep.sweep(first, last, SWEEP, time)
         yield Recipe(
             f"{name}_sweep",
             "sweep",
@@ -258,8 +272,8 @@ def _sweeps(at: Place, inputs: tuple[str, ...], coefficients: tuple[str, ...]) -
             (name,),
             SWEEP,
             at.sized(at.columns(SWEEP, {name: shape})),
-            f"{name} from {SLOW:.1f} to {at.last(name):.1f} Hz in {SWEEP:.0f} s",
-            fastest=at.last(name),
+            f"{name} from {first:.1f} to {last:.1f} Hz in {SWEEP:.0f} s",
+            fastest=last,
         )
 
 

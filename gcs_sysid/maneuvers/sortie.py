@@ -87,10 +87,18 @@ def poor(model: AeroModel) -> bool:
     )
 
 
-def robust_worth(target: Target, model: AeroModel, known: Knowledge, maneuver: Maneuver) -> float:
-    """Worth of a maneuver, the mean over aircraft drawn from the posterior."""
+def robust_worth(
+    target: Target, model: AeroModel, known: Knowledge, maneuver: Maneuver, *, share: float = 1.0
+) -> float:
+    """Worth of a maneuver, the mean over aircraft drawn from the posterior.
+
+    Logarithms make what teaches little to some of them worth less than its mean information.
+    """
     count = len(next(iter(maneuver.each.values())))
-    flights = [{name: item[draw] for name, item in maneuver.each.items()} for draw in range(count)]
+    flights = [
+        _smaller({name: item[draw] for name, item in maneuver.each.items()}, share)
+        for draw in range(count)
+    ]
     return float(np.mean([target.worth(model, known, more) for more in flights]))
 
 
@@ -111,6 +119,9 @@ def planned(
 ) -> Sortie:
     """One maneuver after the other, each the one that is worth most for its time then.
 
+    Worth is the mean over aircraft drawn from the posterior; what was flown before counts with the
+    mean of what it teaches.
+
     A sum of logarithms of variances gains less and less from the same information, so that this
     order is near the best set of maneuvers for the time (Nemhauser, Wolsey & Fisher 1978).
 
@@ -127,7 +138,7 @@ def planned(
         left = [item for item in maneuvers if used + _cost(item, steps, careful) <= budget]
         if not left:
             break
-        worths = [target.worth(model, known, item.knowledge()) for item in left]
+        worths = [robust_worth(target, model, known, item) for item in left]
         best_at = max(range(len(left)), key=lambda index: worths[index] / cost(left[index]))
         best = left[best_at]
         if worths[best_at] < LEAST_WORTH:
@@ -135,7 +146,7 @@ def planned(
         first = not any(step.maneuver is best for step in steps)
         for share in (*(careful if first else ()), 1.0):
             later = information.with_more(known, best.knowledge(), share=share)
-            worth = target.worth(model, known, _smaller(best.knowledge(), share))
+            worth = robust_worth(target, model, known, best, share=share)
             steps.append(_step(best, share, len(steps), used, worth))
             used += cost(best)
             known = later
