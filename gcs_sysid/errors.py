@@ -1,6 +1,7 @@
 """Everything that can go wrong for a user, as one tree.
 
     GcsSysidError
+    ├── StoppedError          stopped by the keyboard, with part of the work kept (exit status 130)
     ├── UsageError            the command line is wrong (exit status 2)
     │   └── RegressorError        text that is no product of known regressors
     └── InputError            an input cannot be used (exit status 1)
@@ -18,6 +19,13 @@ from __future__ import annotations
 
 class GcsSysidError(Exception):
     """Base of all errors this program raises on purpose; never raised itself."""
+
+
+class StoppedError(GcsSysidError):
+    """Raised when the keyboard stopped a run that had kept what it knew.
+
+    A run that had nothing to keep passes the `KeyboardInterrupt` on.
+    """
 
 
 class UsageError(GcsSysidError, ValueError):

@@ -40,12 +40,17 @@ def ahead(
             yield function(*arguments)
         return
     waiting: deque[Future[Made]] = deque()
-    for arguments in calls:
-        waiting.append(_pool().submit(partial(_alone, function), *arguments))
-        if by is not None and len(waiting) > by * _cores():
+    try:
+        for arguments in calls:
+            waiting.append(_pool().submit(partial(_alone, function), *arguments))
+            if by is not None and len(waiting) > by * _cores():
+                yield waiting.popleft().result()
+        while waiting:
             yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
+    finally:
+        # The program ends only when its threads do: whoever stops it must not wait for the rest.
+        for one in waiting:
+            one.cancel()
 
 
 def _alone(function: Callable[..., Made], *arguments: object) -> Made:

@@ -49,6 +49,21 @@ class TestOnFourCores:
             parallel.each(fails, range(8))
         assert parallel.each(fails, range(3)) == [0, 1, 2]
 
+    def test_who_stops_does_not_wait_for_what_has_not_begun(self):
+        begun, going = [], threading.Event()
+
+        def waits(number: int) -> None:
+            begun.append(number)
+            if number == 0:
+                raise KeyboardInterrupt
+            going.wait(20.0)
+
+        with pytest.raises(KeyboardInterrupt):
+            parallel.each(waits, range(100))
+        going.set()
+        parallel.each(abs, range(4))
+        assert len(begun) < 10
+
     def test_no_more_is_begun_than_is_soon_asked_for(self):
         begun: list[int] = []
         made = parallel.ahead(lambda number: begun.append(number) or number, range(100), by=2)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from gcs_sysid.errors import GcsSysidError, UsageError
+from gcs_sysid.errors import GcsSysidError, StoppedError, UsageError
 
 DEBUG = "GCS_SYSID_DEBUG"
 """Environment variable: 1 shows tracebacks instead of filing them."""
@@ -37,6 +37,8 @@ def reported() -> Generator[Status, None, None]:
         status.code = exit_.exit_code
     except (click.Abort, KeyboardInterrupt):
         status.code = _say("stopped", STOPPED)
+    except StoppedError as error:
+        status.code = _say(str(error), STOPPED)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         status.code = WRONG_USAGE

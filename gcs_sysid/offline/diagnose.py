@@ -21,11 +21,12 @@ from gcs_sysid.diagnose.investigation import Investigation
 from gcs_sysid.diagnose.observed import Observed
 from gcs_sysid.diagnose.problem import Problem
 from gcs_sysid.diagnose.unlisted import Missing
-from gcs_sysid.diagnose.verdict import NAMED
-from gcs_sysid.errors import RefusedError, UsageError
+from gcs_sysid.diagnose.verdict import NAMED, Verdict
+from gcs_sysid.errors import RefusedError, StoppedError, UsageError
 from gcs_sysid.offline import (
     advice,
     documents,
+    file_changes,
     flight,
     gust_diagnosis,
     maneuver_choice,
@@ -35,6 +36,7 @@ from gcs_sysid.offline import (
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.identify import FLIGHT_IDS
+from gcs_sysid.offline.investigation import Kept
 from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
 from gcs_sysid.reconstruct.segments import split
@@ -45,6 +47,7 @@ SHORTEST = 15.0
 ABSOLUTE = {"": 1.0}
 """None of the causes that coefficients know has a size that is a share of something."""
 EXTENDED = "aircraft-extended.toml"
+PATCH = "aircraft-extended.patch"
 READING = 0.3
 """Share of the time that reading and reconstruction take."""
 
@@ -63,7 +66,7 @@ def run(
     columns: Path | None = None,
     can: Path | None = None,
 ) -> dict[str, Any]:
-    """Diagnoses; writes `diagnosis.json`, `residuals.parquet` and `aircraft-extended.toml`.
+    """Diagnoses; writes `diagnosis.json`, `residuals.parquet`, the extended file and its patch.
 
     Args:
         logs: flights of the same aircraft.
@@ -83,6 +86,7 @@ def run(
     Raises:
         InputError: a log or the simulation cannot be used.
         UsageError: no simulation or two are given, or a segments file or CAN log with several logs.
+        StoppedError: the keyboard stopped it, and `diagnosis.json` has what was known by then.
     """
     started = clock.perf_counter()
     if segments is not None and len(logs) > 1:
@@ -110,11 +114,22 @@ def run(
         )
         numbered = tuple(replace(item, id=item.id + FLIGHT_IDS * index) for item in one.segments)
         flights.append(replace(one, segments=numbered))
-    document, table, better = _diagnosed(
-        under, flights, progress, apart=holdout is not None, method=method
-    )
+    known: list[tuple[Ranked, ...]] = []
+    try:
+        document, table, better = _diagnosed(
+            under, flights, progress, apart=holdout is not None, method=method, kept=known.append
+        )
+    except KeyboardInterrupt as stop:
+        if not known:
+            raise
+        path = out / "diagnosis.json"
+        documents.write_json(path, _unfinished(under, flights, known[-1]))
+        raise StoppedError(f"stopped; what was known by then is in {path}") from stop
     documents.write_table(out / "residuals.parquet", table)
     aircraft_file.save(better, out / EXTENDED)
+    changes = file_changes.lines(under.aircraft, better, source=under.source, to=EXTENDED)
+    documents.write_text(out / PATCH, "".join(f"{line}\n" for line in changes))
+    document |= {"complete": True, "changes": changes}
     document["warnings"] += under.left_out(EXTENDED)
     document["timing"] = {
         "read_s": sum(one.read_seconds for one in flights),
@@ -123,6 +138,28 @@ def run(
     }
     documents.write_json(out / "diagnosis.json", document)
     return documents.plain(document)
+
+
+def _unfinished(
+    under: Tested, flights: Sequence[Flight], ranked: tuple[Ranked, ...]
+) -> dict[str, Any]:
+    """What may be said of a ranking that was still to be put to the test: who leads, no more."""
+    nobody = Verdict("insufficient_data", ranked[0], (), ranked, {})
+    return {
+        **summary.header("diagnose", under.aircraft, "file"),
+        "complete": False,
+        "simulation": under.source,
+        "flights": summary.flights_document(flights),
+        **entries.verdict(nobody, None),
+        "ranking": entries.ranking(ranked),
+        "alternatives": entries.alternatives(ranked),
+        "maneuvers": summary.maneuvers(flights, ()),
+        "warnings": [
+            "stopped before the end: the ranking is as it stood by then, not put to the test on "
+            "what took no part; run it again to be told a cause",
+            *(text for one in flights for text in one.warnings),
+        ],
+    }
 
 
 @dataclass(frozen=True)
@@ -161,6 +198,7 @@ def _diagnosed(
     *,
     apart: bool,
     method: Method,
+    kept: Kept,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray], Aircraft]:
     """The document, the residuals sample by sample, and the extended aircraft."""
     absent = {name for one in flights for name in one.absent}
@@ -186,7 +224,9 @@ def _diagnosed(
             progress(text, READING + (1.0 - READING) * share)
 
         try:
-            return gust_diagnosis.diagnosed(under, aircraft, flights, told, apart=apart)
+            return gust_diagnosis.diagnosed(
+                *(under, aircraft, flights, told), apart=apart, kept=kept
+            )
         except RefusedError as lost:
             # A simulation that far from the flight has no small cause to be named.
             followed, notes = False, (str(lost),)

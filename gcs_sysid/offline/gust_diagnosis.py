@@ -21,7 +21,7 @@ from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.offline import departed, flown_freely, investigation, summary
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
-from gcs_sysid.offline.investigation import Investigation
+from gcs_sysid.offline.investigation import Investigation, Kept
 from gcs_sysid.offline.tested import Tested
 from gcs_sysid.reconstruct.segments import split
 
@@ -33,6 +33,7 @@ def diagnosed(
     progress: Progress,
     *,
     apart: bool,
+    kept: Kept,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray], Aircraft]:
     """The document, the residuals sample by sample, and the extended aircraft.
 
@@ -42,13 +43,14 @@ def diagnosed(
         flights: as they were read.
         progress: told what is being done.
         apart: whether the last flight only judges.
+        kept: takes every ranking on the way.
 
     Raises:
         RefusedError: the filter lost the aircraft, or its search found no rest.
     """
     fitted, held_out = _parts(flights, apart=apart)
     aircraft, file = (_as_found(one, under.delay) for one in (aircraft, under.aircraft))
-    found = investigation.investigate(aircraft, flights, fitted, held_out, progress)
+    found = investigation.investigate(*(aircraft, flights, fitted, held_out, progress), kept=kept)
     deviations = ranking.deviations(found.information, found.believed, found.candidates)
     sizes = found.unknowns.sizes
     answer = verdict.judge(found.ranked, verdict.would_show(found.candidates, deviations, sizes))

@@ -8,7 +8,7 @@ stays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,12 @@ from gcs_sysid.offline.settled import Subject
 
 ROUNDS = 3
 """Favourites that are put to the test."""
+Kept = Callable[[tuple[Ranked, ...]], None]
+"""Takes sets of causes as they are ranked so far, the most probable first."""
+
+
+def unkept(_ranked: tuple[Ranked, ...]) -> None:
+    """For those who want the end only."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,8 @@ def investigate(
     fitted: Sequence[bool],
     held_out: Sequence[int],
     progress: Progress,
+    *,
+    kept: Kept = unkept,
 ) -> Investigation:
     """Ranks all sets of causes.
 
@@ -107,6 +115,7 @@ def investigate(
         fitted: which flights take part.
         held_out: maneuvers that take none.
         progress: told what is being done.
+        kept: takes every ranking on the way, for who may have to stop before the end.
 
     Raises:
         RefusedError: the filter lost the aircraft, or its search found no rest.
@@ -122,17 +131,22 @@ def investigate(
             f"{doing}: {text}", (len(flights) * turn + number) / steps
         )
 
+    def weighed(answer: Answer, needed: Needed = NONE_NEEDED) -> tuple[Ranked, ...]:
+        found = rank(answer.information, listed, every, needed)
+        kept(found)
+        return found
+
     flying = telling("flying the simulation along", 0)
     question, begun = question.begun(flying)
     flying("working out how errors show", len(flights) - 1)
     relations = question.relations(begun)
     # Where a cause stands out at once, what is left to gain without it is of no use.
     standing = question.answered(flying, (), begun, relations, sets=1)
-    ranked = rank(standing.information, listed, every)
+    ranked = weighed(standing)
     roughly = bool(ranked[0].causes)
     if not roughly:
         standing = question.rested(flying, standing, relations)
-        ranked = rank(standing.information, listed, every)
+        ranked = weighed(standing)
     tested: set[frozenset[Candidate]] = {frozenset()}
     needed, farthest = NONE_NEEDED, 0.0
     for turn in range(1, ROUNDS + 1):
@@ -169,10 +183,10 @@ def investigate(
             needed = Needed(standing.causes, lost)
         else:
             standing, question, reached = trial, asking, sizes or reached
-        ranked = rank(standing.information, listed, every, needed)
+        ranked = weighed(standing, needed)
     if roughly and not standing.causes:
         standing = question.rested(flying, standing, relations)
-        ranked = rank(standing.information, listed, every, needed)
+        ranked = weighed(standing, needed)
     information, apart, done = standing.information, standing.apart, standing.each
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)

@@ -133,7 +133,7 @@ class Answer:
     @property
     def log_likelihood(self) -> float:
         """Of what was fitted."""
-        return sum(one.log_likelihood[-1] for one in self.settled)
+        return sum((one.log_likelihood[-1] for one in self.settled), 0.0)
 
     @property
     def ended(self) -> bool:

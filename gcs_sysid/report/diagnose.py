@@ -67,6 +67,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     f"{_flown_words(summary)}",
                     tables=(_gain(summary), _coefficients(summary), *_flown(summary)),
                 ),
+                *_changes(summary),
                 Section(
                     "could",
                     "What this flight could show",
@@ -82,7 +83,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                 ),
             ),
             files="diagnosis.json and residuals.parquet; the file put right is "
-            "aircraft-extended.toml",
+            "aircraft-extended.toml, its changes aircraft-extended.patch",
         )
     )
 
@@ -267,6 +268,21 @@ def _alternatives(summary: Mapping) -> tuple[Section, ...]:
                     rows,
                 ),
             ),
+        ),
+    )
+
+
+def _changes(summary: Mapping) -> tuple[Section, ...]:
+    """What the file put right says otherwise."""
+    if not summary.get("changes"):
+        return ()
+    return (
+        Section(
+            "changes",
+            "The file put right",
+            "What aircraft-extended.toml says otherwise than the file under test, both as this "
+            "program writes them.",
+            text=tuple(summary["changes"]),
         ),
     )
 

@@ -21,12 +21,22 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands under it."""
+    """A heading with what stands under it.
+
+    Attributes:
+        name: of the section in links.
+        heading: as people read it.
+        lead: what there is to know before.
+        tables: in their order.
+        text: lines shown as they are.
+        figures: below them.
+    """
 
     name: str
     heading: str
     lead: str
     tables: tuple[Table, ...] = ()
+    text: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()
 
 

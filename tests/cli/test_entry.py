@@ -14,7 +14,13 @@ import pytest
 
 import gcs_sysid.cli.commands
 from gcs_sysid.cli import entry, failures
-from gcs_sysid.errors import AircraftFileError, InputError, RefusedError, UsageError
+from gcs_sysid.errors import (
+    AircraftFileError,
+    InputError,
+    RefusedError,
+    StoppedError,
+    UsageError,
+)
 
 PROGRAM = [sys.executable, "-m", "gcs_sysid"]
 HEAVY = {"jax", "numpy", "scipy", "pymavlink", "plotly", "pyarrow", "rich", "jinja2", "filterpy"}
@@ -153,6 +159,11 @@ def test_the_keyboard_stops_the_program_quietly(monkeypatch, capsys):
     status, err = fail_with(KeyboardInterrupt(), monkeypatch, capsys)
     assert status == 130
     assert err.strip() == "gcs-sysid: stopped"
+
+
+def test_what_a_stopped_run_kept_is_said(monkeypatch, capsys):
+    error = StoppedError("stopped; what was known by then is in out/diagnosis.json")
+    assert fail_with(error, monkeypatch, capsys) == (130, f"gcs-sysid: {error}\n")
 
 
 def test_a_fault_of_the_program_files_its_traceback(monkeypatch, capsys, tmp_path):

@@ -18,11 +18,12 @@ import pytest
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.aircraft_toml.section import Section
-from gcs_sysid.cli import reports
+from gcs_sysid.cli import entry, numerics, reports
 from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.offline import diagnose, simulate, tested
+from gcs_sysid.offline import diagnose, investigation, simulate, tested
 from gcs_sysid.report import sheet
 from gcs_sysid.report.diagnose import findings
+from tests.offline.test_investigation import Asked
 
 pytest.importorskip("jsbsim", reason="needs the extra `sitl`")
 
@@ -145,6 +146,57 @@ def test_a_simulation_that_the_filter_cannot_follow_accuses_nobody(
 
 
 @pytest.mark.slow
+def test_who_stops_it_keeps_what_is_known(hidden, folder, monkeypatch, capsys) -> None:
+    """Stopped while the second favourite is put to the test: see `Question`."""
+    monkeypatch.setattr(investigation, "Asked", Asked)
+    monkeypatch.setattr(numerics, "keep_freed_memory", lambda: None)
+    out = folder / "stopped"
+    flight, file = str(folder / "hidden.tlog"), str(folder / "aircraft.toml")
+    assert entry.main(["diagnose", flight, "--aircraft", file, "--out", str(out)]) == 130
+    said = capsys.readouterr().err
+    assert said == f"gcs-sysid: stopped; what was known by then is in {out / 'diagnosis.json'}\n"
+    assert [path.name for path in out.iterdir()] == ["diagnosis.json"]
+    found = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert found["complete"] is False
+    assert hidden["complete"] is True
+    assert set(found["ranking"][0]["causes"]) == {"mass", "cg_shift"}
+    assert found["flights"] == hidden["flights"]
+    assert (found["verdict"], found["effects"]) == ("insufficient_data", [])
+    assert "stopped before the end" in found["warnings"][0]
+
+
+@pytest.mark.slow
+def test_another_flight_judges_and_takes_no_part(hidden, clean, folder, monkeypatch) -> None:
+    """By the filter, which gives up here, and then by coefficients."""
+    asked = []
+
+    def lost(_aircraft: object, _flights: object, *given: object, **_named: object) -> None:
+        asked.append(given[:2])
+        raise RefusedError("hidden.tlog", "the model lost the aircraft", fix="check the signs")
+
+    monkeypatch.setattr(investigation, "investigate", lost)
+    found = diagnose.run(
+        [folder / "hidden.tlog"],
+        aircraft=folder / "aircraft.toml",
+        model=None,
+        holdout=folder / "clean.tlog",
+        vehicle=None,
+        segments=None,
+        out=folder / "apart",
+        progress=silent,
+        method="filter",
+    )
+    of_flight = [[], []]
+    for item in found["maneuvers"]:
+        of_flight[item["flight"]].append(item)
+    assert [len(each) for each in of_flight] == [len(one["maneuvers"]) for one in (hidden, clean)]
+    assert [{item["held_out"] for item in each} for each in of_flight] == [{False}, {True}]
+    assert asked == [((True, False), tuple(item["id"] for item in of_flight[1]))]
+    table = pq.read_table(folder / "apart" / "residuals.parquet")
+    assert set(table["flight"].to_pylist()) == {0, 1}
+
+
+@pytest.mark.slow
 def test_the_extended_file_holds_the_effect_and_nothing_else(hidden, folder) -> None:
     extended = aircraft_file.load(folder / "hidden" / "aircraft-extended.toml")
     file = aircraft_file.load(folder / "aircraft.toml")
@@ -152,6 +204,18 @@ def test_the_extended_file_holds_the_effect_and_nothing_else(hidden, folder) -> 
     assert extended.mass.cg[0] == pytest.approx(found * file.geometry.mean_chord, rel=1e-6)
     unmoved = replace(extended, mass=replace(extended.mass, cg=file.mass.cg))
     assert aircraft_file.dumps(unmoved) == aircraft_file.dumps(file)
+
+
+@pytest.mark.slow
+def test_the_patch_holds_what_changed_and_nothing_else(hidden, clean, folder) -> None:
+    text = (folder / "hidden" / "aircraft-extended.patch").read_text(encoding="utf-8")
+    assert text.splitlines() == hidden["changes"]
+    assert hidden["changes"][:2] == ["--- aircraft.toml", "+++ aircraft-extended.toml"]
+    added = [line for line in hidden["changes"][2:] if line.startswith(("+", "-"))]
+    assert added
+    assert all(line[1:].startswith("cg = ") for line in added)
+    assert clean["changes"] == []
+    assert (folder / "clean" / "aircraft-extended.patch").read_text(encoding="utf-8") == ""
 
 
 @pytest.mark.slow
@@ -176,6 +240,21 @@ def test_the_extended_file_flies_the_flight_better(hidden, folder) -> None:
     assert after["pass"]
     # What is left is the error of the size, which is known to a tenth only.
     assert len(scores["extended"]["departures"]) < 0.5 * len(scores["believed"]["departures"])
+    first = scores["believed"]["departures"][0]
+    table = pq.read_table(folder / "believed" / "simulated.parquet")
+    rows = {name: table[name].to_numpy() for name in table.column_names}
+    # Elevator in all lines of a multisine, for longest: nothing moves more.
+    of = next(one for one in scores["believed"]["maneuvers"] if one["id"] == first["maneuver"])
+    assert (of["kind"], first["channel"]) == ("multisine", "theta")
+    assert first["region"].startswith("multisine at 15 m/s, alpha ")
+    assert of["start_s"] <= first["t_s"] <= of["start_s"] + of["duration_s"]
+    # It is when theta leaves its tolerance: the table has every other instant.
+    window = rows["window"][np.argmin(np.abs(rows["t"] - first["t_s"]))]
+    one = rows["window"] == window
+    error = np.abs(rows["theta"] - rows["theta_measured"])[one]
+    left = rows["t"][one][error > first["tolerance"]]
+    assert first["t_s"] == pytest.approx(left[0], abs=0.0101)
+    assert abs(first["size"]) == pytest.approx(error.max(), rel=0.02)
     text = reports.sheet("simulate", scores["believed"], folder / "believed" / "simulated.parquet")
     assert "departs" in text
     assert (folder / "believed" / "report.html").stat().st_size > 1e5
@@ -203,6 +282,8 @@ def test_documents_and_report(hidden, folder) -> None:
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Explanations" in page
     assert "aircraft-extended.toml" in page
+    assert "The file put right" in page
+    assert "+cg = " in page
 
 
 @pytest.mark.slow

@@ -9,7 +9,10 @@ import click
 
 from gcs_sysid.cli import numerics, options, output, reports
 
-WRITES = ("diagnosis.json", "aircraft-extended.toml", "residuals.parquet", "report.html")
+WRITES = (
+    *("diagnosis.json", "aircraft-extended.toml", "aircraft-extended.patch"),
+    *("residuals.parquet", "report.html"),
+)
 
 
 @click.command("diagnose")
