@@ -21,6 +21,8 @@ def residuals(
 ) -> Figure:
     """Measured less predicted over one flight, before and after the cause is put right.
 
+    The difference of the two is the cause's signature: what it explains of the residual.
+
     Args:
         table: of residuals.
         flight: its number.
@@ -38,7 +40,12 @@ def residuals(
         title="Measured less predicted",
         caption="What the simulation leaves of each coefficient, running means over "
         f"{_AVERAGED:.1f} s"
-        + (", and what is left once the cause is put right." if changed else "."),
+        + (
+            ", what is left once the cause is put right, and the cause's signature: what that "
+            "takes away."
+            if changed
+            else "."
+        ),
         x=Axis(TIME, "s", (float(time[0]), float(time[-1]))),
         panels=tuple(_panel(table, rows, time, name, changed, bins) for name in names),
         spans=spans,
@@ -54,9 +61,11 @@ def _panel(
     shown: dict[str, np.ndarray] = {}
     for label in ("before", "after") if changed else ("before",):
         shown[label] = np.convolve(column(table, f"{name}_{label}")[rows], kernel, mode="same")
+    if changed:
+        shown["signature"] = shown["before"] - shown["after"]
     when, curves = broken_at_holes(time, tuple(shown.values()))
     kept = extreme_indices(curves, bins=bins)
-    roles = {"before": "measured", "after": "predicted"}
+    roles = {"before": "measured", "after": "predicted", "signature": "third"}
     return Panel(
         y=Axis(name, "1", limits(*curves, around=(0.0,))),
         series=tuple(

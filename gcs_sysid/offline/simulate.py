@@ -6,13 +6,17 @@ import time as clock
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.errors import RefusedError
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.model import aerodynamics
 from gcs_sysid.offline import (
     advice,
+    coherence,
     documents,
     flight,
     maneuver_choice,
@@ -96,6 +100,8 @@ def run(
         "windows": {"count": int(cut.piece.size), "length_s": windows.LENGTH},
         "channels": channels(limits, cut, found),
         "theil_limit": limits.theil,
+        "frequency": in_frequency(cut, found),
+        "coefficients": coefficients(flown, one.samples, one.pieces()),
         "free_run": free_run(flown, windows.whole(one, flown)),
         "departures": departures(one, limits, cut, found),
         "maneuvers": summary.maneuvers([one], []),
@@ -131,6 +137,42 @@ def channels(limits: Tolerances, cut: Windows, found: Simulated) -> dict[str, di
     return document
 
 
+def in_frequency(cut: Windows, found: Simulated) -> dict[str, dict[str, Any] | None]:
+    """For each channel the frequencies at which it goes along with the measured one, and how."""
+    return {
+        name: coherence.response(cut.measured[..., index], found.value[..., index], windows.STEP)
+        for index, name in enumerate(CHANNELS)
+    }
+
+
+def coefficients(
+    aircraft: Aircraft, samples: Samples, piece: Int[np.ndarray, " sample"]
+) -> dict[str, dict[str, Any]]:
+    """The same of coefficients: of the file's less the measured, at the measured motion.
+
+    Unlike the channels they do not gather: what is wrong stands where it acts. Theil's coefficient
+    is of the changes about each maneuver's mean.
+
+    Args:
+        aircraft: the simulation.
+        samples: of the flight.
+        piece: maneuver of each sample, -1 for none.
+    """
+    flow = {key: jnp.asarray(values) for key, values in samples.regressors.items()}
+    predicted = np.asarray(aerodynamics.of_aircraft(aircraft, flow))
+    document = {}
+    for column, name in enumerate(COEFFICIENTS):
+        file, measured = predicted[:, column], samples.measured[name]
+        good = (piece >= 0) & np.isfinite(measured) & np.isfinite(file)
+        if name in samples.refused or not good.any():
+            continue
+        _, which = np.unique(piece[good], return_inverse=True)
+        mean = np.bincount(which, weights=measured[good]) / np.bincount(which)
+        one, other = measured[good][:, None], file[good][:, None]
+        document[name] = agreement(one, other, since=mean[which][:, None])
+    return document
+
+
 def free_run(aircraft: Aircraft, whole: Windows) -> dict[str, Any]:
     """The same over whole maneuvers, each left alone from its beginning.
 
@@ -158,41 +200,56 @@ def free_run(aircraft: Aircraft, whole: Windows) -> dict[str, Any]:
 
 
 def agreement(
-    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+    measured: Float[np.ndarray, "window sample"],
+    simulated: Float[np.ndarray, "window sample"],
+    *,
+    since: Float[np.ndarray, "window 1"] | None = None,
 ) -> dict[str, Any]:
-    """Bias and rms of simulated less measured, and Theil's coefficient with its parts."""
+    """Bias and rms of simulated less measured, and Theil's coefficient with its parts.
+
+    Args:
+        measured: windows of one channel.
+        simulated: likewise.
+        since: what changes are reckoned from; None for the measured beginning of each window.
+    """
     seen = np.isfinite(measured)
     error = (simulated - measured)[seen]
     return {
         "bias": float(np.mean(error)),
         "rms": _rms(error),
-        "theil": theil(measured, simulated),
-        "theil_parts": theil_parts(measured, simulated),
+        "theil": theil(measured, simulated, since=since),
+        "theil_parts": theil_parts(measured, simulated, since=since),
     }
 
 
 def theil(
-    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+    measured: Float[np.ndarray, "window sample"],
+    simulated: Float[np.ndarray, "window sample"],
+    *,
+    since: Float[np.ndarray, "window 1"] | None = None,
 ) -> float:
     """Theil's inequality coefficient, 0 for equal and 1 for opposite motions.
 
     Of the changes since the measured beginning of each window: with an airspeed's or a heading's
     mean in it any simulation would pass.
     """
-    one, other = _changes(measured, simulated)
+    one, other = _changes(measured, simulated, since)
     size = _rms(one) + _rms(other)
     return _rms(other - one) / size if size > 0.0 else 0.0
 
 
 def theil_parts(
-    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+    measured: Float[np.ndarray, "window sample"],
+    simulated: Float[np.ndarray, "window sample"],
+    *,
+    since: Float[np.ndarray, "window 1"] | None = None,
 ) -> dict[str, float]:
     """Of what the mean square of the error is made; the parts add up to one.
 
     Another mean, another size, and another course (Jategaonkar, *Flight Vehicle System
     Identification*, 2nd ed. 2015, section 11.3.3): of a good simulation's error the last is most.
     """
-    one, other = _changes(measured, simulated)
+    one, other = _changes(measured, simulated, since)
     total = float(np.mean((other - one) ** 2))
     if total == 0.0:
         return {"bias": 0.0, "variance": 0.0, "covariance": 0.0}
@@ -202,10 +259,12 @@ def theil_parts(
 
 
 def _changes(
-    measured: Float[np.ndarray, "window sample"], simulated: Float[np.ndarray, "window sample"]
+    measured: Float[np.ndarray, "window sample"],
+    simulated: Float[np.ndarray, "window sample"],
+    since: Float[np.ndarray, "window 1"] | None,
 ) -> tuple[Float[np.ndarray, " seen"], Float[np.ndarray, " seen"]]:
-    """Measured and simulated changes since the measured beginning, where something was measured."""
-    first, seen = measured[:, :1], np.isfinite(measured)
+    """Measured and simulated changes, where something was measured."""
+    first, seen = measured[:, :1] if since is None else since, np.isfinite(measured)
     return (measured - first)[seen], (simulated - first)[seen]
 
 

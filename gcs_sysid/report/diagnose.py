@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_sysid.diagnose.verdict import NAMED
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.verdict import NAMED, SHOWN
 from gcs_sysid.figures import diagnosis
 from gcs_sysid.figures.data import Span
 from gcs_sysid.report import sheet
@@ -16,6 +17,8 @@ from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
 _BARS = 6
+_WANTED = 2
+"""Causes that are to be flown for next."""
 _SIGMAS = 1.959964
 
 
@@ -96,8 +99,9 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     named = summary["explanation"] or summary["verdict"] == "unlisted_effect"
     if best["parameters"] and named:
         found.append(Finding("Size", _parameters(best) + " (± 95 %)."))
-    if summary["separating_maneuver"]:
-        found.append(Finding("Fly next", _sentence(summary["separating_maneuver"])))
+    wanted = _fly_next(summary)
+    if wanted:
+        found.append(Finding("Fly next", _sentence(wanted)))
     gain = summary["gain"]
     if named:
         found.append(Finding("Gain", _gained(gain)))
@@ -110,6 +114,32 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         found.append(Finding("File", _accuracy(summary["file_accuracy"])))
     found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
+
+
+def _fly_next(summary: Mapping) -> str:
+    """What to fly to tell causes apart, or to see those that this flight says too little of."""
+    if summary["separating_maneuver"]:
+        return summary["separating_maneuver"]
+    told = summary["verdict"] in ("effect", "insufficient_data")
+    if not told or not summary.get("followed", True):
+        return ""
+    doubted = list(summary.get("perhaps") or ())
+    best = summary["ranking"][0]
+    if summary["verdict"] == "insufficient_data" and best["log_bayes_factor"] >= NAMED:
+        doubted = list(best["causes"])
+    if not doubted:
+        doubted = _unseen(summary["detectable"])
+    shown = [(one, CAUSES[one.split()[0]].shown_by) for one in doubted if one != "none"]
+    return "; ".join(f"for {name}: {flown}" for name, flown in shown[:_WANTED])
+
+
+def _unseen(detectable: Mapping) -> list[str]:
+    """Causes of a size that matters that would not have shown, what is nearest to it first."""
+    short = {
+        name: min(SHOWN * one["sd"] / one["matters"] for one in entries.values())
+        for name, entries in detectable.items()
+    }
+    return sorted((name for name, ratio in short.items() if ratio > 1.0), key=short.__getitem__)
 
 
 def _perhaps(causes: Mapping) -> str:
@@ -363,7 +393,7 @@ def _detectable(summary: Mapping) -> Table:
                 parameter,
                 number(item["sd"], 2),
                 number(item["matters"], 2),
-                "yes" if 3.0 * item["sd"] <= item["matters"] else "no",
+                "yes" if SHOWN * item["sd"] <= item["matters"] else "no",
             )
             for name, entries in summary["detectable"].items()
             for parameter, item in entries.items()

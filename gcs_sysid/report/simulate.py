@@ -46,6 +46,23 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     tables=(_free_run(summary),) if summary["free_run"]["channels"] else (),
                 ),
                 Section(
+                    "coefficients",
+                    "Coefficients",
+                    "What the simulation gives at the measured motion less what was measured, over "
+                    "all maneuvers: where it is wrong at the source, before errors gather into "
+                    "motion. Without vanes in gusts the flow angles' errors are in it as well.",
+                    tables=(_coefficients(summary),),
+                ),
+                Section(
+                    "frequency",
+                    "In frequency",
+                    "The band about the frequency of most motion in which what is simulated goes "
+                    "along with what was measured, coherence 0.6 or more, and its answer there: "
+                    "gain 1 and no phase for a simulation that moves as measured; a lag is "
+                    "negative.",
+                    tables=(_frequency(summary),),
+                ),
+                Section(
                     "departures",
                     "Departures",
                     "Windows in which a channel left its tolerance, the largest first."
@@ -144,12 +161,46 @@ def _free_run(summary: Mapping) -> Table:
                 name,
                 *(_shown(item[key], item["unit"]) for key in ("bias", "rms")),
                 number(item["theil"], 2),
-                *(
-                    f"{100.0 * item['theil_parts'][part]:.0f} %"
-                    for part in ("bias", "variance", "covariance")
-                ),
+                *_parts(item["theil_parts"]),
             )
             for name, item in summary["free_run"]["channels"].items()
+        ),
+    )
+
+
+def _coefficients(summary: Mapping) -> Table:
+    return Table(
+        ("coefficient", "bias", "rms", "Theil", "of it mean", "size", "course"),
+        tuple(
+            (
+                name,
+                *(number(item[key]) for key in ("bias", "rms")),
+                number(item["theil"], 2),
+                *_parts(item["theil_parts"]),
+            )
+            for name, item in summary["coefficients"].items()
+        ),
+    )
+
+
+def _parts(parts: Mapping) -> tuple[str, ...]:
+    """Of Theil's coefficient another mean, size, course."""
+    return tuple(f"{100.0 * parts[name]:.0f} %" for name in ("bias", "variance", "covariance"))
+
+
+def _frequency(summary: Mapping) -> Table:
+    return Table(
+        ("channel", "band, Hz", "gain", "phase, deg"),
+        tuple(
+            (name, "–", "–", "–")
+            if item is None
+            else (
+                name,
+                " to ".join(number(one, 2) for one in item["band_hz"]),
+                number(item["gain"], 2),
+                f"{np.degrees(item['phase']):.0f}",
+            )
+            for name, item in summary["frequency"].items()
         ),
     )
 

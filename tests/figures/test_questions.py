@@ -47,7 +47,11 @@ def residual_table() -> dict[str, np.ndarray]:
 def test_residuals_are_shown_before_and_after_where_a_cause_was_named() -> None:
     named = diagnosis.residuals(residual_table(), flight=0, spans=(), changed=True, bins=300)
     assert [panel.y.label for panel in named.panels] == list(COEFFICIENTS[1:])
-    assert [series.name for series in named.panels[0].series] == ["before", "after"]
+    names = [series.name for series in named.panels[0].series]
+    assert names == ["before", "after", "signature"]
+    before, after, signature = named.panels[0].series
+    np.testing.assert_allclose(signature.y, before.y - after.y)
+    np.testing.assert_allclose(signature.y[20:-20], 0.2)
     np.testing.assert_allclose(named.panels[0].series[0].y[20:-20], 0.2)
     silent = diagnosis.residuals(residual_table(), flight=0, spans=(), changed=False, bins=300)
     assert [series.name for series in silent.panels[0].series] == ["before"]

@@ -35,6 +35,18 @@ def test_what_changes_nothing_gains_nothing() -> None:
     assert found["gained_sd"] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("gained", "sd", "told"), [(-5.0, 1.0, True), (-5.0, 4.0, False), (-0.5, 0.1, False)]
+)
+def test_a_gain_that_is_paid_on_another_axis_is_said(gained: float, sd: float, told: bool) -> None:
+    """Where it is surely worse, and by enough that somebody would mind."""
+    other = {"before": 30.0, "after": 10.0, "gained": 20.0, "gained_sd": 2.0}
+    one = {"before": 10.0, "after": 10.0 - gained, "gained": gained, "gained_sd": sd}
+    warnings = departed.paid({"Cm": other, "Cn": one})
+    assert len(warnings) == told
+    assert all("makes Cn worse by 5.0 %" in text for text in warnings)
+
+
 @pytest.mark.parametrize(("alike", "share"), [(True, 1.0), (False, 6.0**-0.5)])
 def test_the_mean_gain_of_six_coefficients_has_their_common_scatter(
     alike: bool, share: float

@@ -255,9 +255,17 @@ def test_the_extended_file_flies_the_flight_better(hidden, folder) -> None:
     left = rows["t"][one][error > first["tolerance"]]
     assert first["t_s"] == pytest.approx(left[0], abs=0.0101)
     assert abs(first["size"]) == pytest.approx(error.max(), rel=0.02)
+    before, after = (scores[name]["coefficients"]["Cm"] for name in ("believed", "extended"))
+    assert after["rms"] < 0.5 * before["rms"]
+    moved = scores["extended"]["frequency"]["q"]
+    assert moved["band_hz"][0] < 1.0 < moved["band_hz"][1]
+    assert moved["gain"] == pytest.approx(1.0, abs=0.15)
     text = reports.sheet("simulate", scores["believed"], folder / "believed" / "simulated.parquet")
     assert "departs" in text
-    assert (folder / "believed" / "report.html").stat().st_size > 1e5
+    page = (folder / "believed" / "report.html").read_text(encoding="utf-8")
+    assert len(page) > 1e5
+    assert "In frequency" in page
+    assert "band, Hz" in page
 
 
 @pytest.mark.slow

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gcs_sysid import frames
-from gcs_sysid.aircraft import Aircraft, Value
-from gcs_sysid.model import rigid_body
+from gcs_sysid import frames, regressors
+from gcs_sysid.aircraft import COEFFICIENTS, Aircraft, Value
+from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.model import aerodynamics, rigid_body
 from gcs_sysid.model.rigid_body import Inputs, State
 from gcs_sysid.offline import simulate, tolerances, windows
 from gcs_sysid.offline.windows import CHANNELS, Windows
@@ -132,6 +133,51 @@ def test_parts_of_theil_are_mean_size_and_course_and_add_up() -> None:
     assert later["bias"] == pytest.approx(0.5, abs=0.01)
     assert later["covariance"] == pytest.approx(0.5, abs=0.01)
     assert sum(later.values()) == pytest.approx(1.0)
+
+
+def test_coefficients_are_scored_about_each_maneuver() -> None:
+    """By hand: Cm as the file has it, once larger by half in a maneuver, once moved in another."""
+    made, count = aircraft(), 400
+    flow = {name: np.zeros(count) for name in regressors.VARIABLES}
+    flow |= {name: np.zeros(count) for name in made.control_names}
+    flow["alpha"] = np.sin(np.linspace(0.0, 8.0 * np.pi, count + 1)[:-1])
+    file = np.asarray(aerodynamics.of_aircraft(made, flow))
+    seen = dict(zip(COEFFICIENTS, file.T.copy(), strict=True))
+    slope = made.aerodynamics["Cm"].terms["alpha"].value
+    seen["Cm"][:200] += 0.5 * slope * flow["alpha"][:200]
+    seen["CZ"][200:] -= 0.1
+    seen["Cm"][250:260] = np.nan
+    samples = Samples(
+        time=0.02 * np.arange(count),
+        qbar=np.full(count, 200.0),
+        regressors=flow,
+        regressor_variance={},
+        measured=seen,
+        noise={},
+        mass_part={},
+        thrust_part={},
+        smoothing=1.0,
+        refused={"CY": "not measured"},
+    )
+    found = simulate.coefficients(made, samples, np.repeat([1, 2], 200))
+    assert set(found) == set(COEFFICIENTS) - {"CY"}
+    share = np.sqrt(200.0 / 390.0)
+    assert found["Cm"]["rms"] == pytest.approx(0.5 * abs(slope) * share / np.sqrt(2.0))
+    assert found["Cm"]["bias"] == pytest.approx(0.0, abs=1e-12)
+    assert found["CZ"]["bias"] == pytest.approx(0.05)
+    assert found["CX"]["rms"] == found["CX"]["theil"] == 0.0
+    nobody = simulate.coefficients(made, samples, np.full(count, -1))
+    assert nobody == {}
+
+
+def test_a_channel_goes_along_at_the_frequencies_flown(flown) -> None:
+    _, cut = flown
+    many = cut._replace(measured=np.tile(cut.measured, (4, 1, 1)))
+    found = simulate.in_frequency(many, windows.Simulated(many.measured, many.measured))
+    assert set(found) == set(CHANNELS)
+    assert found["q"] is not None
+    assert found["q"]["gain"] == pytest.approx(1.0)
+    assert found["q"]["phase"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_whole_maneuvers_end_where_they_were_flown_and_those_lost_are_told(flown) -> None:

@@ -22,6 +22,7 @@ def summary(channels: dict[str, Any]) -> dict[str, Any]:
         "separating_maneuver": None,
         "indistinguishable": ["actuator_backlash"],
         "warnings": [],
+        "detectable": {},
         "gain": {
             "holdout_error_before": 22.8,
             "holdout_error_after": 19.4,
@@ -68,6 +69,35 @@ def test_a_term_that_no_cause_stands_for_has_a_size_and_a_gain_too() -> None:
     found = {item.topic: item.text for item in diagnose.findings(told)}
     assert "0.342 ± 0.020" in found["Size"]
     assert "22.8 % before, 19.4 % after" in found["Gain"]
+
+
+def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
+    """The nearest to being seen first; those that were seen are no reason to fly again."""
+    told = summary({}) | {
+        "detectable": {
+            "mass": {"mass_ratio": {"sd": 0.01, "matters": 0.06, "unit": "1"}},
+            "pitot_lag": {"pitot_lag": {"sd": 0.5, "matters": 0.1, "unit": "s"}},
+            "surface_effectiveness rudder": {"ratio": {"sd": 0.1, "matters": 0.2, "unit": "1"}},
+            "wind_shear": {"gradient": {"sd": 9.0, "matters": 0.05, "unit": "1/s"}},
+        }
+    }
+    next_one = {item.topic: item.text for item in diagnose.findings(told)}["Fly next"]
+    assert next_one.startswith("For surface_effectiveness rudder: short pulses on each control")
+    assert "; for pitot_lag: throttle steps" in next_one
+    assert "mass" not in next_one
+    assert "wind_shear" not in next_one
+    doubted = told | {"perhaps": {"mass": 0.3}}
+    next_one = {item.topic: item.text for item in diagnose.findings(doubted)}["Fly next"]
+    assert next_one.startswith("For mass: load-factor turns")
+    silent = told | {"verdict": "insufficient_data", "explanation": [], "strained": {}}
+    next_one = {item.topic: item.text for item in diagnose.findings(silent)}["Fly next"]
+    assert next_one.startswith("For actuator_backlash: slow triangles")
+    faint = [NOTHING, NOTHING]
+    next_one = {item.topic: item.text for item in diagnose.findings(silent | {"ranking": faint})}
+    assert next_one["Fly next"].startswith("For surface_effectiveness rudder")
+    quiet = told | {"verdict": "no_effect", "explanation": []}
+    assert "Fly next" not in {item.topic for item in diagnose.findings(quiet)}
+    assert "Fly next" not in {item.topic for item in diagnose.findings(summary({}))}
 
 
 NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}

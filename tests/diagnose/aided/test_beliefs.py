@@ -31,6 +31,15 @@ def test_a_file_that_is_unsure_of_its_body_is_not_excused_by_that() -> None:
         assert sigma == pytest.approx(matters / 3.0)
 
 
+def test_sensors_have_the_ordinary_biases_of_sensors() -> None:
+    """0.1 m/s² and 0.3 °/s on every axis, whatever the file says of its body."""
+    axes = [f"sensors.{kind}.{axis}" for kind in ("accelerometer_bias", "gyro_bias")
+            for axis in range(3)]  # fmt: skip
+    for file in (aircraft_file.load(BRUMBY), unsure(aircraft_file.load(BRUMBY), 0.3)):
+        found = beliefs.ordinary(axes, file, vanes=False)
+        np.testing.assert_allclose(found, [0.1] * 3 + [np.pi / 180.0 * 0.3] * 3, rtol=1e-12)
+
+
 def test_a_file_that_is_sure_is_believed() -> None:
     found = beliefs.ordinary(NAMES, unsure(aircraft_file.load(BRUMBY), 0.01), vanes=False)
     np.testing.assert_allclose(found[:3], 0.01)
