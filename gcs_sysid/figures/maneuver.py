@@ -60,7 +60,8 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
     x = DEGREES * np.asarray(entry["x"], dtype=float)
     curves = {part: 100.0 * np.asarray(entry[part], dtype=float) for part in ("before", "after")}
     rules = [Rule("y", 100.0 * level, "asked for", "limit")]
-    for words, pair in (("flown", entry["flown"]), ("region", entry["asked"])):
+    aimed = ("region", entry["asked"]) if entry["asked"] else ("planned", entry.get("planned"))
+    for words, pair in (("flown", entry["flown"]), aimed):
         for value, end in zip(pair or (), ("from", "to"), strict=False):
             at = DEGREES * value
             if x[0] < at < x[-1]:
@@ -69,7 +70,8 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
         name=f"confidence-{name}",
         title=f"How well {name} is known",
         caption="One standard deviation over the coefficient's variation, everything else as in "
-        "level flight. Outside of what was flown it says too little.",
+        "level flight. Outside of what was flown it says too little. Marked as well: the region "
+        "asked about, or how far the maneuvers planned for it go.",
         x=Axis(along, "deg", (float(x[0]), float(x[-1]))),
         panels=(
             Panel(

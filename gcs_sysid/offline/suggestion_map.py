@@ -29,7 +29,8 @@ def confidence(
     """Each coefficient's deviation over its variation, along the flow angle that it hangs on most.
 
     Everything else stays as in level flight. Beyond what has been flown the polynomial's own
-    deviation says too little; `flown` tells where that begins.
+    deviation says too little; `flown` tells where that begins. What is aimed at is `asked`, the
+    region where one is, and `planned`, how far the sortie's maneuvers for the coefficient go.
 
     Args:
         model: identified so far.
@@ -52,8 +53,19 @@ def confidence(
             "after": _deviation(model, name, values, plan.after) / spread[name],
             "flown": _flown(model, name, along),
             "asked": list(target.region[along]) if along in target.region else None,
+            "planned": _planned(plan, name, along),
         }
     return found
+
+
+def _planned(plan: Sortie, name: str, along: str) -> list[float] | None:
+    """Range of a flow angle in the sortie's maneuvers for a coefficient; None where it has none."""
+    reach = [
+        step.maneuver.excursion.ranges[along]
+        for step in plan.steps
+        if name in step.maneuver.recipe.coefficients
+    ]
+    return [min(low for low, _ in reach), max(high for _, high in reach)] if reach else None
 
 
 def _deviation(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +15,12 @@ import pytest
 
 from gcs_sysid.cli import reports
 from gcs_sysid.errors import InputError, RefusedError, UsageError
+from gcs_sysid.figures.maneuver import confidence
 from gcs_sysid.offline import model_store, suggest, suggestion_flown
 from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.offline.suggestion_target import Question, chosen
 from gcs_sysid.report.suggest import findings
+from tests.dashboard.browser import CHROMIUM, Browser
 from tests.maneuvers.made_model import aircraft, model
 
 
@@ -102,6 +106,53 @@ def test_the_report_has_a_card_for_every_maneuver(planned) -> None:
         assert f'id="card-{item["name"]}"' in page
     assert "How well Cm is known" in page
     assert "Recovery: release the switch" in page
+
+
+def test_the_map_marks_what_is_aimed_at_without_a_region_too(planned) -> None:
+    """As far as the sortie's own maneuvers for Cm go in angle of attack."""
+    document, _ = planned
+    entry = document["confidence_map"]["Cm"]
+    assert (entry["along"], entry["asked"]) == ("alpha", None)
+    flown = {step["maneuver"] for step in document["sortie"]["steps"]}
+    reach = [one["envelope"]["alpha"] for one in document["maneuvers"] if one["name"] in flown]
+    low, high = min(one[0] for one in reach), max(one[1] for one in reach)
+    assert entry["planned"] == pytest.approx([low, high])
+    drawn = {rule.name: rule.value for rule in confidence("Cm", entry, 0.1).panels[0].rules}
+    assert drawn["planned from"] == pytest.approx(np.degrees(low))
+    assert drawn["planned to"] == pytest.approx(np.degrees(high))
+    asked = confidence("Cm", {**entry, "asked": [0.01, 0.05]}, 0.1).panels[0].rules
+    assert {"region from", "region to"} <= {rule.name for rule in asked}
+    assert "planned from" not in {rule.name for rule in asked}
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_every_card_is_one_printed_page(planned, tmp_path) -> None:
+    document, out = planned
+    if not (out / "report.html").exists():
+        reports.sheet("suggest", document, out / "maneuvers.parquet")
+    browser = Browser((out / "report.html").as_uri(), tmp_path / "profile")
+    try:
+        browser.until(
+            "document.readyState == 'complete' && document.querySelectorAll('.card').length > 0"
+            " && !document.querySelector('[data-figure]:not([data-drawn])')"
+        )
+        browser.evaluate(
+            "for (const each of document.querySelectorAll('header, nav, footer, #cards > h2, "
+            "#cards > .lead, main > section:not(#cards)')) each.style.display = 'none';"
+            "document.getElementById('cards').style.padding = '0'"
+        )
+        pages = {}
+        for item in document["maneuvers"]:
+            browser.evaluate(
+                "for (const each of document.querySelectorAll('.card')) "
+                f"each.style.display = each.id == 'card-{item['name']}' ? '' : 'none'"
+            )
+            printed = browser.call("Page.printToPDF", preferCSSPageSize=True)["data"]
+            found = re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed))
+            pages[item["name"]] = len(found)
+    finally:
+        browser.close()
+    assert pages == {item["name"]: 1 for item in document["maneuvers"]}
 
 
 def test_what_was_promised_is_held_against_what_was_achieved(planned, tmp_path) -> None:
