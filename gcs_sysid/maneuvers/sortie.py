@@ -138,10 +138,8 @@ def planned(
         left = [item for item in maneuvers if used + _cost(item, steps, careful) <= budget]
         if not left:
             break
-        worths = [robust_worth(target, model, known, item) for item in left]
-        best_at = max(range(len(left)), key=lambda index: worths[index] / cost(left[index]))
-        best = left[best_at]
-        if worths[best_at] < LEAST_WORTH:
+        best, most = _best(target, model, known, left)
+        if most < LEAST_WORTH:
             break
         first = not any(step.maneuver is best for step in steps)
         for share in (*(careful if first else ()), 1.0):
@@ -151,6 +149,26 @@ def planned(
             used += cost(best)
             known = later
     return Sortie(tuple(steps), used, covariances(model, start), covariances(model, known))
+
+
+def _best(
+    target: Target, model: AeroModel, known: Knowledge, left: Sequence[Maneuver]
+) -> tuple[Maneuver, float]:
+    """The maneuver that is worth most for its time, and its worth.
+
+    What the mean information is worth is never less than the mean worth (Jensen), so that only the
+    first few by that bound need be weighed aircraft by aircraft.
+    """
+    bounds = [target.worth(model, known, item.knowledge()) / cost(item) for item in left]
+    order = sorted(range(len(left)), key=lambda place: -bounds[place])
+    best, rate = left[order[0]], -np.inf
+    for place in order:
+        if bounds[place] <= rate:
+            break
+        one = robust_worth(target, model, known, left[place]) / cost(left[place])
+        if one > rate:
+            best, rate = left[place], one
+    return best, rate * cost(best)
 
 
 def covariances(model: AeroModel, known: Knowledge) -> Covariances:
