@@ -270,6 +270,7 @@ def identified(
         prior=prior,
         segments=None,
         vehicle=vehicle if vehicle is not None else ending.live["vehicle"],
+        method="auto",
         stepwise=False,
         out=out,
         progress=progress,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import socket
 from collections.abc import Callable
@@ -10,14 +11,17 @@ from pathlib import Path
 import pytest
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.cli import entry
 from gcs_sysid.errors import RefusedError, SourceError
 from gcs_sysid.live import listen, warming
 from gcs_sysid.live.listen import Ending, Options
 from gcs_sysid.live.session import Clock
+from gcs_sysid.offline import identify
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.link import Link
 
 MICRO = 1e-6
+AIRCRAFT = Path(__file__).resolve().parents[2] / "data/aircraft/ultra_stick_25e.toml"
 
 
 class Ticking:
@@ -187,13 +191,42 @@ def test_a_link_that_cannot_be_opened(aircraft, tmp_path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_it_is_identified_as_identify_would_do_it(tmp_path, monkeypatch) -> None:
+    """Only by least squares, once, in gusts too: `identify` chooses by itself."""
+    asked: list[inspect.BoundArguments] = []
+    signature = inspect.signature(identify.run)
+
+    def run(*given: object, **named: object) -> dict:
+        asked.append(signature.bind(*given, **named))
+        raise RefusedError("recording.tlog", "it never flew", fix="fly")
+
+    monkeypatch.setattr(identify, "run", run)
+    log = tmp_path / "recording.tlog"
+    log.write_bytes(b"frames")
+    with pytest.raises(RefusedError):
+        listen.identified(
+            Ending("quiet", {"vehicle": 1}, log),
+            AIRCRAFT,
+            prior="file",
+            vehicle=None,
+            out=tmp_path,
+            progress=lambda _stage, _share: None,
+        )
+    words = ["identify", str(log), "--aircraft", str(AIRCRAFT), "--out", str(tmp_path)]
+    assert entry.main(words) == 1
+    one, other = asked
+    for each in asked:
+        each.apply_defaults()
+    for name in ("method", "body", "stepwise", "segments", "columns", "can", "prior"):
+        assert one.arguments[name] == other.arguments[name], name
+
+
 def test_a_recording_that_cannot_be_identified_stays(hear, tmp_path) -> None:
     ending = hear()
-    root = Path(__file__).resolve().parents[2]
     with pytest.raises((RefusedError, SourceError)):
         listen.identified(
             ending,
-            root / "data/aircraft/ultra_stick_25e.toml",
+            AIRCRAFT,
             prior="file",
             vehicle=None,
             out=tmp_path,
