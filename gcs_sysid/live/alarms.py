@@ -8,13 +8,14 @@ they should; one that disagrees with all others is told, and weighed by what it 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from gcs_sysid.live.choice import measured
+from gcs_sysid.live.commands import Watched
 from gcs_sysid.model.kinematics import MEASURED
 from gcs_sysid.reconstruct.measurements import (
     AIRSPEED_STREAMS,
@@ -37,7 +38,7 @@ that what it says counts for less, and the innovations look small again."""
 MEMORY_S = 5.0
 """Time constant of that mean: one outlier of a radio is no disagreement."""
 
-WATCHED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+WATCHED: Watched = {
     "inertial unit": (IMU_STREAMS, ("p", "q", "r", "acc_x", "acc_y", "acc_z")),
     "airspeed": (AIRSPEED_STREAMS, ("airspeed",)),
     "velocity": (VELOCITY_STREAMS, ("v_north", "v_east", "v_down")),
@@ -45,6 +46,12 @@ WATCHED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "vanes": (("AOA_SSA",), ("alpha", "beta")),
 }
 """What is watched: streams, and the channels that must move."""
+_SAID = {
+    "silent": ("is not heard", "are not heard"),
+    "invalid": ("holds no number", "hold no number"),
+    "disagrees": ("disagrees with the rest", "disagree with the rest"),
+}
+_MANY = ("vanes", "servo outputs")
 _WIDTHS = np.array([rows.stop - rows.start for rows in MEASURED.values()])
 
 
@@ -75,9 +82,14 @@ class _Seen:
 
 
 class Alarms:
-    """Watches samples and innovations of one flight; memory does not grow."""
+    """Watches samples and innovations of one flight; memory does not grow.
 
-    def __init__(self) -> None:
+    Args:
+        commands: what is watched beside the sensors: it must be heard, and may stand still.
+    """
+
+    def __init__(self, commands: Watched | None = None) -> None:
+        self._commands = commands or {}
         self._seen: dict[str, _Seen] = {}
         self._frozen: dict[str, float] = {}
         self._valid: dict[str, float] = {}
@@ -92,17 +104,32 @@ class Alarms:
     def usable(self, sample: Sample, time: float, *, flying: bool) -> bool:
         """Takes note of a sample; says whether the filter may use it."""
         self._now = max(self._now, time)
+        for what, (streams, channels) in self._commands.items():
+            self._note(what, sample, time, streams, channels)
         for what, (streams, channels) in WATCHED.items():
-            if sample.stream not in streams:
-                continue
-            self._heard[what] = time
-            if measured(sample, channels):
-                self._valid[what] = time
+            if self._note(what, sample, time, streams, channels):
                 if self._stands_still(sample, channels, time) and flying:
                     self._frozen.setdefault(sample.stream, time - FROZEN_S)
                     self.left_out += 1
                     return False
                 self._frozen.pop(sample.stream, None)
+        return True
+
+    def _note(
+        self,
+        what: str,
+        sample: Sample,
+        time: float,
+        streams: Sequence[str],
+        channels: Sequence[str],
+    ) -> bool:
+        """Whether a sample holds numbers for what is watched."""
+        if sample.stream not in streams:
+            return False
+        self._heard[what] = time
+        if not measured(sample, channels):
+            return False
+        self._valid[what] = time
         return True
 
     def _stands_still(self, sample: Sample, channels: tuple[str, ...], time: float) -> bool:
@@ -153,15 +180,12 @@ class Alarms:
         if not flying:
             return found
         for what, last in self._valid.items():
-            if here - last <= SILENT_S:
-                continue
-            speaks = here - self._heard[what] <= SILENT_S
-            kind = "invalid" if speaks else "silent"
-            why = "holds no number" if speaks else "is not heard"
-            found.append(Alarm(kind, what, last, f"{what} {why} for {here - last:.0f} s"))
-        found += [
-            Alarm("disagrees", what, since,
-                  f"{what} disagrees with the rest for {here - since:.0f} s")
-            for what, since in self._away.items()
-        ]  # fmt: skip
-        return found
+            if here - last > SILENT_S:
+                speaks = here - self._heard[what] <= SILENT_S
+                found.append(_told("invalid" if speaks else "silent", what, last, here))
+        return found + [_told("disagrees", what, since, here) for what, since in self._away.items()]
+
+
+def _told(kind: str, what: str, since: float, now: float) -> Alarm:
+    said = _SAID[kind][what in _MANY]
+    return Alarm(kind, what, since, f"{what} {said} for {now - since:.0f} s")

@@ -82,6 +82,8 @@ class CoefficientWindow:
         self._learn(rows[-HOP:])
         if not self._ring.full or self._commands.missing is not None:
             return None
+        if not self._commands.unbroken(rows[KEPT.start - LAG, 0]):
+            return None
         return self._measured(rows, noise, lever, has_accelerometer=has_accelerometer)
 
     def _learn(self, rows: np.ndarray) -> None:

@@ -6,6 +6,7 @@ is computed by functions of fixed shapes, compiled once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import jax
@@ -29,6 +30,11 @@ from gcs_sysid.sources.samples import Sample
 
 HISTORY = 512
 """Commands kept: ten seconds at 50 Hz."""
+SILENT_S = 1.2
+"""Where the newest command is older than this [s] nobody knows whether it still holds: messages of
+1 Hz come that far apart."""
+Watched = Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]
+"""By name in an alarm: streams, and the channels in them."""
 
 
 class CommandMaps:
@@ -78,6 +84,22 @@ class CommandMaps:
         ]
 
 
+class _Heard:
+    """When the newest command of a kind was heard, and since when without a hole [s]."""
+
+    def __init__(self) -> None:
+        self.since = self._newest = -math.inf
+
+    def take(self, time: float) -> None:
+        if abs(time - self._newest) > SILENT_S:
+            self.since = time
+        self._newest = time
+
+    def holds(self, now: float) -> bool:
+        """Whether the newest one still counts."""
+        return self._newest >= now - SILENT_S
+
+
 class Commands:
     """The newest commands of one aircraft.
 
@@ -93,31 +115,56 @@ class Commands:
         self._channels = tuple(dict.fromkeys((*control_channels(aircraft), *throttles)))
         self._names = tuple(f"pwm_{channel}" for channel in self._channels)
         self._servos = Ring(HISTORY, 1 + len(self._channels))
-        self._speeds = {
-            engine.throttle_channel: Ring(HISTORY, 2)
+        self._engines = {
+            engine.throttle_channel: engine.rpm_channel
             for engine in aircraft.propulsion
             if engine.rpm is not None
         }
+        self._speeds = {channel: Ring(HISTORY, 2) for channel in self._engines}
+        self._servos_heard = _Heard()
+        self._speeds_heard = {channel: _Heard() for channel in self._engines}
+        self._now = -math.inf
+
+    @property
+    def watched(self) -> Watched:
+        """What must be heard as long as the aircraft flies; it may stand still."""
+        outputs = {"servo outputs": ((SERVO_STREAM,), self._names)} if self._channels else {}
+        speeds = {
+            f"speed of motor {motor}": (RPM_STREAMS, (f"rpm_{motor}",))
+            for motor in self._engines.values()
+        }
+        return {**outputs, **speeds}
 
     @property
     def missing(self) -> str | None:
-        """Why there are no deflections or no thrust; None when there are."""
-        if self._channels and not self._servos.added:
+        """Why there are no deflections or no thrust now; None when there are."""
+        if self._channels and not self._servos_heard.holds(self._now):
             return f"{SERVO_STREAM} with channels {', '.join(map(str, self._channels))}"
-        silent = [str(channel) for channel, ring in self._speeds.items() if not ring.added]
+        silent = [
+            str(channel)
+            for channel, heard in self._speeds_heard.items()
+            if not heard.holds(self._now)
+        ]
         return f"RPM of motor {', '.join(silent)}" if silent else None
 
+    def unbroken(self, since: float) -> bool:
+        """Whether none was missing from then on [s]: over a hole the last one is no deflection."""
+        servos = (self._servos_heard,) if self._channels else ()
+        return all(one.since <= since for one in (*servos, *self._speeds_heard.values()))
+
     def take(self, sample: Sample, time: float) -> None:
-        """Keeps a command, or a motor's speed; other samples are passed over."""
+        """Keeps a command, or a motor's speed; of other samples only the time."""
+        self._now = time
         if sample.stream == SERVO_STREAM and measured(sample, self._names):
             values = [sample.channels[name] for name in self._names]
             self._servos.add(np.array([time, *values]))
+            self._servos_heard.take(time)
         elif sample.stream in RPM_STREAMS:
-            for engine in self._aircraft.propulsion:
-                name = f"rpm_{engine.rpm_channel}"
-                if engine.rpm is not None and measured(sample, (name,)):
-                    ring = self._speeds[engine.throttle_channel]
-                    ring.add(np.array([time, sample.channels[name]]))
+            for channel, motor in self._engines.items():
+                name = f"rpm_{motor}"
+                if measured(sample, (name,)):
+                    self._speeds[channel].add(np.array([time, sample.channels[name]]))
+                    self._speeds_heard[channel].take(time)
 
     def controls(self, at: Float[np.ndarray, " sample"]) -> dict[str, Float[np.ndarray, " sample"]]:
         """Deflections as the air feels them [rad]; `at` always of the same length."""

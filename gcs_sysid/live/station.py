@@ -82,7 +82,7 @@ class Station:
         self.model = RunningModel(aircraft, compiled.regressors, prior)
         self.processes = Processes(aircraft, believing=prior is not None)
         self.departures = Departures(aircraft)
-        self.alarms = Alarms()
+        self.alarms = Alarms(self.commands.watched)
         self.map = EnvelopeMap(aircraft)
         self.maneuvers = ManeuverWatch(aircraft)
         self.watch = FlyingWatch(aircraft)

@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.live import document
 from gcs_sysid.live.alarms import AGREED_S, FROZEN_S, SILENT_S, Alarms
+from gcs_sysid.live.coefficients import KEPT
+from gcs_sysid.live.commands import SILENT_S as SILENT_COMMANDS_S
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.live.warming import _flight
 from gcs_sysid.model.kinematics import BLOCKS
+from gcs_sysid.recording import NO_AUTOPILOT, Vehicle
 from gcs_sysid.sources.link import now_us
 from gcs_sysid.sources.samples import LiveClock, Sample
 
@@ -204,3 +208,60 @@ def test_a_ground_stations_clock_that_is_set_anew_moves_no_arrival(
     monkeypatch.setattr(time, "time_ns", lambda: 0)
     monkeypatch.setattr(time, "time", lambda: 0.0)
     assert 0 <= now_us() - first < 10_000_000
+
+
+def test_servo_outputs_that_vanish_are_told_and_teach_nothing(
+    aircraft: Aircraft, compiled: Compiled
+) -> None:
+    """The last command counted for ever: first model and processes learned with it."""
+    taken: list[float] = []
+    now, gone, back = [0], 5.0, 9.0
+
+    def observed(item: object) -> None:
+        if isinstance(item, Samples):
+            taken.extend(item.time[KEPT])
+
+    station = Station(
+        aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: now[0], observer=observed
+    )
+    told: dict[int, tuple[list, str]] = {}
+    for sample in longer(aircraft, 13.0):
+        now[0] = sample.link_us
+        silent = sample.stream == "SERVO_OUTPUT_RAW" and gone <= 1e-6 * sample.time_us < back
+        station.take([] if silent else [sample])
+        station.work(2**62)
+        if sample.time_us in (8_980_000, 12_980_000):
+            station.decoder.vehicle = Vehicle(1, 1, NO_AUTOPILOT, "MAV_TYPE_FIXED_WING", 1)
+            live = document.document(
+                station, link="", phase="", recorded=0, lost={}, now_us=sample.link_us
+            )
+            told[sample.time_us] = (live["alarms"], station.phase())
+    alarms, phase = told[8_980_000]
+    assert [one["words"] for one in alarms] == ["servo outputs are not heard for 4 s"]
+    assert phase.startswith("flying, coefficients need SERVO_OUTPUT_RAW with channels")
+    assert told[12_980_000] == ([], "flying")
+    times = np.array(taken)
+    assert times.size > 0
+    assert not np.any((times > gone + SILENT_COMMANDS_S) & (times < back))
+    assert times.max() > back + 1.0
+    assert station.model.state()["Cm.scalars"][1] == times.size
+
+
+def test_motor_speeds_are_watched_each_by_itself(aircraft: Aircraft) -> None:
+    watched = {f"speed of motor {motor}": (("RPM",), (f"rpm_{motor}",)) for motor in (1, 2)}
+    alarms = Alarms(watched)
+    for tick in range(60):
+        time_us = 100_000 * tick
+        channels = {"rpm_1": 5000.0, "rpm_2": math.nan if tick > 10 else 5000.0}
+        assert alarms.usable(
+            Sample("RPM", time_us, time_us, True, channels), 0.1 * tick, flying=True
+        )
+    (told,) = alarms.told(flying=True)
+    assert told.words == "speed of motor 2 holds no number for 5 s"
+
+
+def test_what_is_many_is_said_as_many() -> None:
+    alarms = Alarms()
+    alarms.usable(Sample("AOA_SSA", 0, 0, True, {"alpha": 0.1, "beta": 0.0}), 0.0, flying=True)
+    (told,) = alarms.told(flying=True, now=7.0)
+    assert told.words == "vanes are not heard for 7 s"
