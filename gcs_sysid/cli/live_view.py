@@ -53,7 +53,7 @@ def line(document: Document) -> str:
         parts += [_state(name, state[name]) for name in ("V", "alpha", "beta")]
         parts.append(f"wind {_wind(state)}")
         parts += [
-            f"{name} {_number(item['value'], BAND * item['sd'])}"
+            f"{name} {_number(item['value'], BAND * item['sd'])}{_aged(item)}"
             for name, item in document["coefficients"].items()
         ]
     if document["departures"]:
@@ -72,6 +72,15 @@ def _old(document: Document) -> list[str]:
     """That the values shown are old, if they are."""
     age = document.get("state_age_s")
     return [f"VALUES ARE {age:.0f} s OLD"] if age is not None and age > STALE_S else []
+
+
+def _stale(item: Mapping[str, Any]) -> bool:
+    return (item.get("age_s") or 0.0) > STALE_S
+
+
+def _aged(item: Mapping[str, Any]) -> str:
+    """How old a coefficient is, if it is old."""
+    return f" ({item['age_s']:.0f} s OLD)" if _stale(item) else ""
 
 
 def _state(name: str, item: Mapping[str, float]) -> str:
@@ -150,6 +159,13 @@ def _counts(document: Document) -> str:
     return text
 
 
+def _measured(item: Mapping[str, Any]) -> Any:
+    from rich.text import Text
+
+    number = _number(item["value"], BAND * item["sd"])
+    return Text.assemble((number, "strike" if _stale(item) else ""), (_aged(item), "bold red"))
+
+
 def table(document: Document) -> Any:
     """The whole document as a rich table."""
     from rich.console import Group
@@ -186,14 +202,15 @@ def table(document: Document) -> Any:
                 f"{'const' if key == '1' else key} {_number(term['value'], BAND * term['sd'])}"
                 for key, term in terms.items()
             )
-            measured = _number(item["value"], BAND * item["sd"])
+            measured = _measured(item)
             believed = document["processes"]["coefficients"].get(name)
             learned = (
                 document["processes"]["phase"]
                 if believed is None
                 else _number(believed["value"], BAND * believed["sd"])
             )
-            grid.add_row(name, measured, learned, words or "collecting")
+            style = "strike" if _stale(item) else ""
+            grid.add_row(name, measured, Text(learned, style=style), words or "collecting")
         pieces.append(grid)
     if document.get("maneuver"):
         pieces.append(_gauge(document["maneuver"]))

@@ -17,6 +17,8 @@ from typing import Any
 
 LIVE = "live.json"
 LOOK_S = 0.2
+STALE_S = 3.0
+"""Coefficients older than this make a gap in their histories, as on the page."""
 KEPT = 900
 """Points of the time histories that are kept: a quarter of an hour."""
 SHOWN = ("V", "alpha", "beta", "roll", "pitch", "yaw")
@@ -85,7 +87,11 @@ def point(document: Mapping[str, Any]) -> dict[str, Any]:
     """What the time histories need of a document: [value, standard deviation] by name."""
     values = {
         **{name: document["state"][name] for name in SHOWN if name in document.get("state", {})},
-        **document.get("coefficients", {}),
+        **{
+            name: item
+            for name, item in document.get("coefficients", {}).items()
+            if not (item.get("age_s") or 0.0) > STALE_S
+        },
     }
     return {
         "t_us": document.get("written_us") or document.get("time_us"),

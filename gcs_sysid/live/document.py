@@ -67,7 +67,7 @@ def document(
         else round((now_us - newest.row.link_us) * 1e-6, 3),
         "health": dict(health or {}),
         "state": {} if newest is None else state(newest),
-        "coefficients": coefficients(station),
+        "coefficients": coefficients(station, now_us),
         "derivatives": {
             name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
             for name, terms in known.items()
@@ -126,20 +126,30 @@ def state(estimate: Estimate) -> dict[str, dict[str, Any]]:
     }
 
 
-def coefficients(station: Station) -> dict[str, dict[str, float]]:
-    """Newest measured coefficients with one standard deviation."""
-    samples = station.samples
+def coefficients(station: Station, now_us: int | None) -> dict[str, dict[str, float]]:
+    """Newest measured coefficients with one standard deviation, and how old they are."""
+    samples, now = station.samples, _log_now(station, now_us)
     if samples is None:
         return {}
     row = KEPT.stop - 1
+    age = (samples.time[-1] if now is None else now) - samples.time[row]
     return {
         name: {
             "value": float(values[row]),
             "sd": float(samples.noise[name][row]),
-            "age_s": float(samples.time[-1] - samples.time[row]),
+            "age_s": round(float(age), 3),
         }
         for name, values in samples.measured.items()
     }
+
+
+def _log_now(station: Station, now_us: int | None) -> float | None:
+    """The log's clock now [s after the epoch]: it goes on while nothing comes."""
+    newest = station.newest
+    if newest is None:
+        return None
+    waited = 0 if now_us is None else max(now_us - newest.row.link_us, 0)
+    return newest.row.time + waited * 1e-6
 
 
 def here(station: Station) -> Mapping[str, np.ndarray] | None:
@@ -166,11 +176,7 @@ def known_where(station: Station, solved: Mapping[str, Solution]) -> dict[str, A
 
 def alarms(station: Station, now_us: int | None) -> list[dict[str, Any]]:
     """What is wrong with the data now, each with when it began on the log's clock."""
-    epoch, newest = station.rows.epoch_us, station.newest
-    # The log's clock goes on while nothing comes.
-    now = None
-    if epoch is not None and newest is not None and now_us is not None:
-        now = newest.row.time + max(now_us - newest.row.link_us, 0) * 1e-6
+    epoch, now = station.rows.epoch_us, _log_now(station, now_us)
     return [
         {
             "kind": one.kind,

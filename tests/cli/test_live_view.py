@@ -133,6 +133,14 @@ def test_old_values_are_called_old(age: float | None, old: bool) -> None:
         assert ("VALUES ARE 4 s OLD" in text) == old
 
 
+@pytest.mark.parametrize(("age", "old"), [(0.3, False), (12.3, True)])
+def test_old_coefficients_are_called_old(age: float, old: bool) -> None:
+    """After the servo outputs fell silent the last ones stood there as if they were of now."""
+    told = document(coefficients={"CZ": {"value": -0.4123, "sd": 0.01, "age_s": age}})
+    assert ("CZ -0.412 ± 0.020 (12 s OLD)" in live_view.line(told)) == old
+    assert ("-0.412 ± 0.020 (12 s OLD)" in shown(told)) == old
+
+
 def test_another_vehicle_is_named_with_the_way_to_choose_it():
     two = document(other_vehicles=[7])
     for text in (shown(two), live_view.line(two)):

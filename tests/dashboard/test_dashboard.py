@@ -248,6 +248,12 @@ def test_files_that_are_no_live_documents_are_passed_over(tmp_path: Path) -> Non
     assert watch.history.maxlen == KEPT
 
 
+def test_old_coefficients_make_a_gap_in_their_history() -> None:
+    old = point(live(coefficients={"CZ": {"value": -0.4, "sd": 0.1, "age_s": 4.0}}))
+    assert "CZ" not in old
+    assert point(live())["CZ"] == [-0.4567, 0.01]
+
+
 def test_a_point_has_no_number_that_is_none() -> None:
     told = point(live(coefficients={"CZ": {"value": float("nan"), "sd": 1.0}}))
     assert told["CZ"] == [None, 1.0]
@@ -306,8 +312,13 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     # What a model knows must not lie beside the page, where nobody looks for it.
     beside = "document.querySelector('#model').scrollWidth - window.innerWidth"
     assert browser.evaluate(beside) <= 0, "derivatives beside the page"
-    write(page.folder, live())
+    assert browser.evaluate("document.querySelector('#model .old') === null")
+    write(page.folder, live(coefficients={"CZ": {"value": -0.4567, "sd": 0.01, "age_s": 7.2}}))
     browser.until("document.body.className === ''")
+    struck = "Array.from(document.querySelectorAll('#model .old')).map(e => e.textContent).join()"
+    assert browser.evaluate(struck) == "-0.457 ± 0.020,-0.4512 ± 0.0078"
+    aged = browser.evaluate("document.querySelector('#model .age').textContent")
+    assert re.fullmatch(r" (7|8|9) s old", aged)
     browser.until("!document.getElementById('alarm').textContent.includes('old')")
     browser.evaluate("document.getElementById('theme').click()")
     assert browser.evaluate("document.documentElement.className") == "dark"

@@ -224,7 +224,7 @@ def test_servo_outputs_that_vanish_are_told_and_teach_nothing(
     station = Station(
         aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: now[0], observer=observed
     )
-    told: dict[int, tuple[list, str]] = {}
+    told: dict[int, tuple[list, str, float]] = {}
     for sample in longer(aircraft, 13.0):
         now[0] = sample.link_us
         silent = sample.stream == "SERVO_OUTPUT_RAW" and gone <= 1e-6 * sample.time_us < back
@@ -235,16 +235,21 @@ def test_servo_outputs_that_vanish_are_told_and_teach_nothing(
             live = document.document(
                 station, link="", phase="", recorded=0, lost={}, now_us=sample.link_us
             )
-            told[sample.time_us] = (live["alarms"], station.phase())
-    alarms, phase = told[8_980_000]
+            age = live["coefficients"]["CZ"]["age_s"]
+            told[sample.time_us] = (live["alarms"], station.phase(), age)
+    alarms, phase, age = told[8_980_000]
     assert [one["words"] for one in alarms] == ["servo outputs are not heard for 4 s"]
     assert phase.startswith("flying, coefficients need SERVO_OUTPUT_RAW with channels")
-    assert told[12_980_000] == ([], "flying")
+    assert told[12_980_000][:2] == ([], "flying")
     times = np.array(taken)
     assert times.size > 0
     assert not np.any((times > gone + SILENT_COMMANDS_S) & (times < back))
     assert times.max() > back + 1.0
     assert station.model.state()["Cm.scalars"][1] == times.size
+    # What was measured before grows old, and says so.
+    assert age == pytest.approx(8.98 - times[times < back].max(), abs=0.1)
+    assert age > 3.0
+    assert told[12_980_000][2] < 1.5
 
 
 def test_motor_speeds_are_watched_each_by_itself(aircraft: Aircraft) -> None:

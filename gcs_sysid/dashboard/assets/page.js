@@ -29,7 +29,8 @@ function told(value, sd) {
 function point(live) {
   const found = { t_us: live.written_us, age_s: live.state_age_s };
   for (const group of [live.state, live.coefficients])
-    for (const [name, item] of Object.entries(group || {})) found[name] = [item.value, item.sd];
+    for (const [name, item] of Object.entries(group || {}))
+      if (!(item.age_s > STALE_S)) found[name] = [item.value, item.sd];
   return found;
 }
 function tiles(live) {
@@ -45,7 +46,7 @@ function waiting(processes) {
   if (processes.phase !== "collecting") return processes.phase || "–";
   return `${processes.samples} of ${processes.wanted} samples`;
 }
-function model(live) {
+function model(live, late) {
   const rows = Object.entries(live.coefficients).map(([name, item]) => {
     const terms = Object.entries(live.derivatives[name] || {})
       .map(([key, term]) => cell("span", `${key === "1" ? "const" : key} ${told(term.value, term.sd)}`, "term"));
@@ -53,8 +54,12 @@ function model(live) {
     const processes = live.processes || {}, believed = (processes.coefficients || {})[name];
     row.dataset.name = name;
     learned.append(...terms);
-    row.append(cell("th", name), cell("td", told(item.value, item.sd)),
-      cell("td", believed ? told(believed.value, believed.sd) : waiting(processes)), learned);
+    // Both are of the moment of the newest measured coefficient; derivatives do not grow old.
+    const age = (item.age_s || 0) + late, kind = age > STALE_S ? "old" : "", measured = document.createElement("td");
+    measured.append(cell("span", told(item.value, item.sd), kind));
+    if (kind) measured.append(cell("span", ` ${age.toFixed(0)} s old`, "age"));
+    row.append(cell("th", name), measured,
+      cell("td", believed ? told(believed.value, believed.sd) : waiting(processes), believed ? kind : ""), learned);
     return row;
   });
   at("model").tBodies[0].replaceChildren(...rows);
@@ -147,7 +152,8 @@ function show() {
   if (!newest) return;
   at("aircraft").textContent = newest.aircraft;
   at("phase").textContent = newest.phase;
-  tiles(newest); model(newest); learning(newest); streams(newest, Math.max(late() - 1.5, 0)); alarms(newest, Math.max(late() - 1.5, 0)); plots();
+  const waited = Math.max(late() - 1.5, 0);
+  tiles(newest); model(newest, waited); learning(newest); streams(newest, waited); alarms(newest, waited); plots();
 }
 function follow() {
   const events = new EventSource("/events");
