@@ -48,24 +48,23 @@ def document(
     taught = {name: one.terms() for name, one in alone.items()}
     learned = processes.document(station.processes, here(station))
     departs = station.departures.told()
-    vehicle = station.decoder.vehicle
+    outside = bare(
+        station,
+        link=link,
+        phase=phase,
+        recorded=recorded,
+        lost=lost,
+        now_us=now_us,
+        health=health,
+    )
     return {
-        "schema": SCHEMA,
-        "program": f"gcs-sysid {metadata.version('gcs-sysid')}",
-        "command": "listen",
-        "link": link,
-        "aircraft": station.aircraft.name,
-        "vehicle": None if vehicle is None else vehicle.system,
-        "other_vehicles": sorted(station.decoder.others),
-        "phase": phase,
+        **outside,
         "time_us": None
         if newest is None or epoch is None
         else epoch + round(newest.row.time * 1e6),
-        "written_us": now_us,
         "state_age_s": None
         if newest is None or now_us is None
         else round((now_us - newest.row.link_us) * 1e-6, 3),
-        "health": dict(health or {}),
         "state": {} if newest is None else state(newest),
         "coefficients": coefficients(station, now_us),
         "derivatives": {
@@ -83,7 +82,7 @@ def document(
         "causes": causes(station, alone)
         if newest is not None and station.departures.lately(newest.row.time)
         else [],
-        "alarms": alarms(station, now_us),
+        "alarms": [*alarms(station, now_us), *outside["alarms"]],
         "maneuver": station.maneuvers.document(taught, epoch),
         "maneuvers": station.maneuvers.legs(epoch),
         "suggestions": advice.suggestions(station.aircraft, taught),
@@ -92,6 +91,53 @@ def document(
         "latency": {
             "packet_to_update": station.latency.percentiles(),
             "update": station.effort.percentiles(),
+        },
+    }
+
+
+def bare(
+    station: Station,
+    *,
+    link: str,
+    phase: str,
+    recorded: int,
+    lost: Mapping[str, int],
+    now_us: int | None = None,
+    health: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The same without anything that has to be computed; see `document`."""
+    vehicle = station.decoder.vehicle
+    return {
+        "schema": SCHEMA,
+        "program": f"gcs-sysid {metadata.version('gcs-sysid')}",
+        "command": "listen",
+        "link": link,
+        "aircraft": station.aircraft.name,
+        "vehicle": None if vehicle is None else vehicle.system,
+        "other_vehicles": sorted(station.decoder.others),
+        "phase": phase,
+        "time_us": None,
+        "written_us": now_us,
+        "state_age_s": None,
+        "health": dict(health or {}),
+        **{name: {} for name in ("state", "coefficients", "derivatives", "departures")},
+        "causes": [],
+        "alarms": [
+            {"kind": "failed", "what": one.what, "since_us": one.first_us, "words": one.words}
+            for one in station.failures.told()
+        ],
+        "maneuver": None,
+        "maneuvers": [],
+        "suggestions": [],
+        "processes": {
+            "phase": station.processes.phase,
+            "samples": 0,
+            "wanted": processes.FIRST,
+            "coefficients": {},
+        },
+        "map": None,
+        "latency": {
+            name: {"p50_ms": None, "p99_ms": None} for name in ("packet_to_update", "update")
         },
         "counts": {
             "received": station.decoder.received,
@@ -102,6 +148,7 @@ def document(
             "frozen": station.alarms.left_out,
             "reboots": station.decoder.clock.reboots,
             "restarts": station.filter.restarts,
+            "failures": station.failures.count,
             "lost": dict(lost),
         },
     }

@@ -184,6 +184,11 @@ class LiveFilter:
         self._waiting.clear()
         self._filter = self._before = None
 
+    def restart(self) -> None:
+        """Forgets states and begins anew, from what comes."""
+        self._waiting.clear()
+        self._lost()
+
     def take(self, row: Row, used: dict[str, str]) -> list[Estimate]:
         """Moves on by a row.
 
@@ -267,7 +272,7 @@ class LiveFilter:
     def _lost(self) -> list[Estimate]:
         """Begins anew where the numbers have come to nothing."""
         self.restarts += 1
-        self._filter = None
+        self._filter = self._before = None
         return []
 
 

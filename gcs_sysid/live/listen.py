@@ -17,8 +17,9 @@ from typing import Any, Literal
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
-from gcs_sysid.live import snapshot, warming
-from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session, Show
+from gcs_sysid.live import showing, snapshot, warming
+from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session
+from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents, identify
 from gcs_sysid.offline.identify import file_prior
@@ -105,7 +106,8 @@ def run(
         aircraft: its file.
         options: how to listen.
         out: existing folder for `recording.tlog`, `live.json` and the model's snapshots.
-        show: gets the live document once a second; when it fails, listening goes on without.
+        show: gets the live document once a second, in a thread of its own; while it is busy it
+            misses some, and when it fails, listening goes on without.
         stopped: whether the user wants to end.
         say: takes a sentence for the user, now and then.
         clock: time.
@@ -124,8 +126,8 @@ def run(
         raise SourceError(options.can, "is no CAN bus", fix="write it as can:socketcan:can0")
     key = load_key(options.sign_key) if options.sign_key is not None else None
     mailbox = Mailbox()
-    publish = _publisher(out, show, station, clock)
     with ExitStack() as opened:
+        publish = _publisher(out, opened.enter_context(showing.shown(show)), station, clock)
         main = opened.enter_context(open_lasting(link))
         bus = None if options.can is None else opened.enter_context(open_lasting(options.can))
         recorder = opened.enter_context(
@@ -157,18 +159,18 @@ def run(
             running.callback(station.processes.close)
             why = _listen(session, stopped, options.quiet_after)
         note = _line(main).broken or ("" if reader.failure is None else reader.failure.what)
-    if not session.heard:
-        if not options.resume:
-            for name in (RECORDING, LIVE, snapshot.NAME):
-                (out / name).unlink(missing_ok=True)
-        raise reader.failure or SourceError(
-            link,
-            f"nothing was received in {session.silence:.0f} s",
-            fix="check that the vehicle sends to this address and port",
-        )
-    last = session.document(f"ended: {note or why}")
-    publish(last)
-    return Ending(why, last, out / RECORDING, note, tuple(recorder.parts))
+        if session.heard:
+            last = session.document(f"ended: {note or why}")
+            publish(last)
+            return Ending(why, last, out / RECORDING, note, tuple(recorder.parts))
+    if not options.resume:
+        for name in (RECORDING, LIVE, snapshot.NAME):
+            (out / name).unlink(missing_ok=True)
+    raise reader.failure or SourceError(
+        link,
+        f"nothing was received in {session.silence:.0f} s",
+        fix="check that the vehicle sends to this address and port",
+    )
 
 
 def _line(link: object) -> Line:
@@ -218,18 +220,17 @@ def _listen(
 
 
 def _publisher(out: Path, show: Show, station: Station, clock: Clock) -> Show:
-    """Writes the document, shows it, and keeps the model; none of these may stop the recording."""
-    failed: set[str] = set()
+    """Writes the document, hands it on to be shown, and keeps the model.
+
+    None of these may stop the recording; what could not be written is tried again with the next.
+    """
     kept = [clock.seconds()]
 
     def attempt(name: str, action: Callable[[], None]) -> None:
-        if name in failed:
-            return
         try:
             action()
         except Exception as error:  # noqa: BLE001 - a display may fail in any way
-            failed.add(name)
-            _LOG.warning("%s failed, listening goes on without: %s", name, error)
+            station.failures.note(f"{name}, which is tried again", error)
 
     def keep() -> None:
         if station.newest is not None and clock.seconds() - kept[0] >= snapshot.EVERY_S:
@@ -243,9 +244,9 @@ def _publisher(out: Path, show: Show, station: Station, clock: Clock) -> Show:
             )
 
     def publish(document: Mapping[str, Any]) -> None:
+        show(document)
         attempt(LIVE, lambda: documents.write_json(out / LIVE, document))
         attempt(snapshot.NAME, keep)
-        attempt("display", lambda: show(document))
 
     return publish
 

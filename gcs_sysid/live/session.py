@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from gcs_sysid.live import document
+from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Station
 from gcs_sysid.sources.link import Mailbox, now_us
 from gcs_sysid.sources.rates import Rates
 from gcs_sysid.sources.recorder import Recorder
 from gcs_sysid.sources.requests import Requests
 from gcs_sysid.sources.signing import Signatures
-from gcs_sysid.sources.stream import FrameStream
+from gcs_sysid.sources.stream import Batch, FrameStream
 
 PATIENCE_S = 0.1
 """Longest wait for news [s], and so for a wish to stop to be noticed."""
@@ -24,8 +25,6 @@ TURN_US = 50_000
 PUBLISH_S = 1.0
 MAIN, BUS = 0, 1
 """Numbers of the links that share a mailbox: the vehicle's, and a CAN bus beside it."""
-
-Show = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
@@ -126,22 +125,31 @@ class Session:
         for chunk in self._mailbox.take(0.0 if working else PATIENCE_S):
             batch = self._frames[chunk.link].feed(chunk.data, chunk.link_us)
             self._recorder.write(batch)
-            self._station.receive(batch)
             now = self._clock.seconds()
             if chunk.link == MAIN:
                 self._heard = now
-            vehicle = self._station.decoder.vehicle
-            tables = batch.tables()
-            self._rates.add({key.name: table.count for key, table in tables.items()}, now)
-            if self._asking is not None:
-                self._asking.requests.heard(vehicle, tables, now)
+            try:
+                self._look(batch, now)
+            except Exception as error:  # noqa: BLE001 - it is recorded already
+                self._station.failures.note("decoding, which leaves out messages", error)
         self._recorder.sync()
         self._ask()
         if self.ready.is_set():
-            self._station.work(self._clock.us() + TURN_US)
+            try:
+                self._station.work(self._clock.us() + TURN_US)
+            except Exception as error:  # noqa: BLE001 - the recording goes on
+                self._station.restart(error)
         if self._clock.seconds() - self._published >= PUBLISH_S:
             self._published = self._clock.seconds()
-            self._publish(self.document(self._phase()))
+            self._publish(self.document())
+
+    def _look(self, batch: Batch, now: float) -> None:
+        """What is made of frames that are recorded."""
+        self._station.receive(batch)
+        tables = batch.tables()
+        self._rates.add({key.name: table.count for key, table in tables.items()}, now)
+        if self._asking is not None:
+            self._asking.requests.heard(self._station.decoder.vehicle, tables, now)
 
     def _ask(self) -> None:
         if self._asking is not None:
@@ -159,21 +167,32 @@ class Session:
         quiet = f", quiet for {self.silence:.0f} s" if self.silence >= 2.0 else ""
         return self._station.phase() + quiet
 
-    def document(self, phase: str) -> dict[str, Any]:
-        """The live document now."""
+    def document(self, phase: str | None = None) -> dict[str, Any]:
+        """The live document now; without what is known where that cannot be told.
+
+        Args:
+            phase: what is going on; None says what it is.
+        """
+        told = phase or self._phase()
+        try:
+            return document.document(self._station, phase=told, **self._outside())
+        except Exception as error:  # noqa: BLE001 - the recording goes on, and says what is wrong
+            self._station.failures.note("the live document", error)
+            return document.bare(self._station, phase=told, **self._outside())
+
+    def _outside(self) -> dict[str, Any]:
+        """What the document says of link and recording."""
         now = self._clock.seconds()
         line = self._line()
         lost = {"mailbox_full": self._mailbox.dropped}
         for stream in self._frames.values():
             lost = {**lost, **{k: lost.get(k, 0) + n for k, n in stream.lost.items()}}
-        return document.document(
-            self._station,
-            link=self._link,
-            phase=phase,
-            now_us=self._clock.us(),
-            recorded=self._recorder.frames,
-            lost={**lost, **{k: n for k, n in self._station.decoder.can.lost.items() if n}},
-            health={
+        return {
+            "link": self._link,
+            "now_us": self._clock.us(),
+            "recorded": self._recorder.frames,
+            "lost": {**lost, **{k: n for k, n in self._station.decoder.can.lost.items() if n}},
+            "health": {
                 "up": not line.broken,
                 "why": line.broken,
                 "losses": line.losses,
@@ -187,4 +206,4 @@ class Session:
                 },
                 "requests": {} if self._asking is None else self._asking.requests.told(now),
             },
-        )
+        }

@@ -9,6 +9,8 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 
+import numpy as np
+
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate.coefficients import Samples
@@ -19,6 +21,7 @@ from gcs_sysid.live.coefficients import KEPT, CoefficientWindow
 from gcs_sysid.live.commands import CommandMaps, Commands
 from gcs_sysid.live.departure import Departures
 from gcs_sysid.live.envelope_map import EnvelopeMap
+from gcs_sysid.live.failures import Failures
 from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
 from gcs_sysid.live.latency import Latency
@@ -89,6 +92,7 @@ class Station:
         self.ahead = FlyingWatch(aircraft)
         self.latency = Latency()
         self.effort = Latency()
+        self.failures = Failures(clock_us)
         self.newest: Estimate | None = None
         self._unfinished: Estimate | None = None
         self.samples: Samples | None = None
@@ -133,6 +137,12 @@ class Station:
                 return
         # Not before: what an autopilot sends together is worked on together.
         self._flown(self.rows.once_more())
+
+    def restart(self, error: Exception) -> None:
+        """Begins the filter anew after an error that it did not see coming."""
+        self.failures.note("the filter, which begins anew", error)
+        self.filter.restart()
+        self._forget_window()
 
     def _flown(self, row: Row | None) -> None:
         if row is not None and self.watch.flying:
@@ -192,15 +202,32 @@ class Station:
         )
         if samples is not None:
             self.samples = samples
-            # A landing roll lasts some seconds before it is known as one, and teaches nothing.
-            if self.watch.fast_enough(samples.regressors["V"][KEPT]):
-                self.model.take(samples, KEPT)
-                self.processes.take(samples, KEPT, self.model.flow_variance(self.taught()))
-                self.departures.take(samples, KEPT)
-                self.map.take(samples, KEPT)
-                self.maneuvers.take(samples, KEPT, self.taught)
+            try:
+                self._learn(samples)
+            except Exception as error:  # noqa: BLE001 - states go on without what is learned
+                self.failures.note("learning, which leaves out a part of the flight", error)
             if self._observer is not None:
                 self._observer(samples)
+
+    def _learn(self, samples: Samples) -> None:
+        """Takes what a window has that is new.
+
+        Raises:
+            FloatingPointError: what it holds is no number, and would stay in every sum.
+        """
+        tables = (samples.regressors, samples.measured, samples.noise, samples.regressor_variance)
+        broken = [
+            name for part in tables for name, one in part.items() if not np.isfinite(one).all()
+        ]
+        if broken:
+            raise FloatingPointError(f"{', '.join(dict.fromkeys(broken))} not finite")
+        # A landing roll lasts some seconds before it is known as one, and teaches nothing.
+        if self.watch.fast_enough(samples.regressors["V"][KEPT]):
+            self.model.take(samples, KEPT)
+            self.processes.take(samples, KEPT, self.model.flow_variance(self.taught()))
+            self.departures.take(samples, KEPT)
+            self.map.take(samples, KEPT)
+            self.maneuvers.take(samples, KEPT, self.taught)
 
     def taught(self) -> dict[str, dict[str, TermEstimate]]:
         """What this flight alone says of the derivatives, whatever the file believes.

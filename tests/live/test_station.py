@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.live import station as stations
+from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.live.warming import _flight
 from gcs_sysid.model.kinematics import BLOCKS
@@ -102,3 +104,31 @@ def test_samples_wait_in_bounded_memory(
     station.take(made(aircraft))
     assert len(station._waiting) == 100
     assert station.skipped > 100
+
+
+def test_learning_that_fails_leaves_states_alone(
+    aircraft: Aircraft, compiled: Compiled, steady: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One matrix that could not be solved ended the recording."""
+
+    def broken(*_given: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(RunningModel, "take", broken)
+    station = flown(aircraft, compiled)
+    assert station.updates == steady.updates
+    assert station.filter.restarts == 0
+    assert station.failures.count > 0
+    (told,) = station.failures.told()
+    assert told.what.startswith("learning")
+
+
+def test_a_window_without_numbers_teaches_nothing(steady: Station) -> None:
+    """It would stay in every sum, and nothing could be solved any more."""
+    assert steady.samples is not None
+    empty = {**steady.samples.measured, "Cm": np.full_like(steady.samples.time, np.nan)}
+    before = {name: np.array(one) for name, one in steady.model.state().items()}
+    with pytest.raises(FloatingPointError, match="Cm not finite"):
+        steady._learn(replace(steady.samples, measured=empty))
+    for name, one in steady.model.state().items():
+        np.testing.assert_array_equal(one, before[name])
