@@ -278,6 +278,12 @@ def identified(
     )
 
 
+def recorded(folder: Path) -> bool:
+    """Whether a folder holds a recording, or parts of one."""
+    path = folder / RECORDING
+    return path.exists() or any(folder.glob(f"{path.stem}-[0-9]*{path.suffix}"))
+
+
 def load(aircraft: Path) -> Aircraft:
     """The aircraft file."""
     return aircraft_file.load(aircraft)

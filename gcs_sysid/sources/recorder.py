@@ -19,6 +19,7 @@ from gcs_sysid.sources.stream import Batch
 from gcs_sysid.sources.tlog import STAMP
 
 _SYNC_S = 1.0
+_DIGITS = 3
 _TAIL = 1 << 16
 """Bytes at the end of an interrupted recording that are looked at; a frame has at most 288."""
 PART_BYTES = 256 << 20
@@ -75,8 +76,11 @@ class Recorder(Closing):
         self._part_bytes = part_bytes
         self._clock = clock
         try:
-            if append and self.path.exists():
-                self.interrupted = _mended(self.path)
+            if append:
+                self.interrupted = self._mended()
+            elif self._older():
+                # A kill after the last part was renamed left no file of the name itself.
+                raise FileExistsError
             self._file = self.path.open("ab" if append else "xb")
         except FileExistsError as error:
             raise SourceError(
@@ -92,8 +96,29 @@ class Recorder(Closing):
     @property
     def parts(self) -> list[Path]:
         """All parts in order, the one being written last."""
-        stem, suffix = self.path.stem, self.path.suffix
-        return [*sorted(self.path.parent.glob(f"{stem}-[0-9][0-9][0-9]{suffix}")), self.path]
+        return [*self._older().values(), self.path]
+
+    def _older(self) -> dict[int, Path]:
+        """Parts that are finished, by number, in order."""
+        found = {}
+        for path in self.path.parent.glob(f"{self.path.stem}-*{self.path.suffix}"):
+            number = path.stem.removeprefix(f"{self.path.stem}-")
+            if len(number) >= _DIGITS and number.isdecimal():
+                found[int(number)] = path
+        return dict(sorted(found.items()))
+
+    def _mended(self) -> Interrupted | None:
+        """What a recording that is continued ended with, the newest part that holds a frame."""
+        found = None
+        for path in reversed(self.parts):
+            if not path.exists():
+                continue
+            ended = _mended(path)
+            if ended.last_us is not None:
+                cut = 0 if found is None else found.cut_bytes
+                return Interrupted(cut + ended.cut_bytes, ended.last_us)
+            found = found or ended
+        return found
 
     def write(self, batch: Batch) -> None:
         """Adds the frames of a batch.
@@ -144,8 +169,8 @@ class Recorder(Closing):
     def _begin_part(self) -> None:
         _to_disk(self._file)
         self._file.close()
-        number = len(self.parts)
-        self.path.rename(self.path.with_stem(f"{self.path.stem}-{number:03d}"))
+        number = 1 + max(self._older(), default=0)
+        self.path.rename(self.path.with_stem(f"{self.path.stem}-{number:0{_DIGITS}d}"))
         self._file = self.path.open("xb")
 
     def _failed(self, error: OSError) -> SourceError:

@@ -117,6 +117,40 @@ def test_an_aircraft_file_that_changes_meanwhile_changes_nothing(
     assert used[0].read_bytes() == Path(AIRCRAFT).read_bytes()
 
 
+def test_a_flight_goes_on_with_the_aircraft_file_that_it_began_with(tmp_path, capsys, monkeypatch):
+    """`--resume` took the file as it had been edited meanwhile, and overwrote what was kept."""
+    mine, out = tmp_path / "mine.toml", tmp_path / "out"
+    mine.write_bytes(Path(AIRCRAFT).read_bytes())
+    names: list[str] = []
+
+    def run(_link, aircraft, _options, *, out: Path, **_rest) -> Ending:
+        names.append(aircraft.name)
+        # As a kill between two parts leaves it.
+        (out / "recording-001.tlog").write_bytes(b"frames")
+        (out / "live.json").write_text('{"program": "gcs-sysid 0"}')
+        return Ending("quiet", {"vehicle": 1}, out / "recording.tlog")
+
+    def identified(_ending, aircraft: Path, **_rest) -> dict:
+        names.append(listen.load(aircraft).name)
+        raise RefusedError("recording.tlog", "never flew", fix="fly")
+
+    monkeypatch.setattr(listen, "run", run)
+    monkeypatch.setattr(listen, "identified", identified)
+    arguments = ["listen", "udp:127.0.0.1:1", "--aircraft", str(mine), "--no-dashboard"]
+    assert entry.main([*arguments, "--out", str(out)]) == 1
+    assert "goes on with" not in capsys.readouterr().out
+    first = listen.load(mine).name
+    mine.write_text(mine.read_text().replace(f'name = "{first}"', 'name = "another"'))
+    assert entry.main([*arguments, "--out", str(out), "--resume"]) == 1
+    assert names == [first] * 4
+    assert listen.load(mine).name == "another"
+    assert (out / "aircraft-flown.toml").read_bytes() == Path(AIRCRAFT).read_bytes()
+    said = capsys.readouterr().out
+    assert f"it goes on with {out / 'aircraft-flown.toml'}; move that away" in said
+    assert entry.main([*arguments, "--out", str(tmp_path / "new"), "--resume"]) == 1
+    assert names[4:] == ["another"] * 2
+
+
 def test_signals_ask_to_stop_and_are_put_back():
     before = signal.getsignal(signal.SIGTERM)
     with command._stopping() as stopped:

@@ -98,6 +98,51 @@ def test_parts_of_a_recording_are_one_flight(
     assert [r for part in parts for r in tlog.frames(part.read_bytes())] == records
 
 
+@pytest.mark.parametrize("left", ["renamed", "opened"])
+def test_a_kill_as_a_part_begins_leaves_something_to_resume(
+    played: list[tuple[int, bytes]], tmp_path: Path, left: str
+) -> None:
+    """Between renaming the full part and the first frame of the next it said "nothing to resume",
+
+    and without --resume it began another flight behind the parts of this one.
+    """
+    path, stream = tmp_path / "recording.tlog", FrameStream()
+    with Recorder(path, part_bytes=8000) as recorder:
+        for link_us, frame in played[:300]:
+            recorder.write(stream.feed(frame, link_us))
+        number = len(recorder.parts)
+    path.rename(tmp_path / f"recording-{number:03d}.tlog")
+    if left == "opened":
+        path.touch()
+    with pytest.raises(SourceError, match="exists already"):
+        Recorder(path)
+    with Recorder(path, append=True) as again:
+        assert again.interrupted is not None
+        assert again.interrupted.cut_bytes == 0
+        assert again.interrupted.last_us == played[299][0]
+        for link_us, frame in played[300:310]:
+            again.write(stream.feed(frame, link_us))
+        parts = again.parts
+    assert [r for part in parts for r in tlog.frames(part.read_bytes())] == played[:310]
+
+
+def test_a_part_that_was_taken_away_lets_none_be_overwritten(
+    played: list[tuple[int, bytes]], tmp_path: Path
+) -> None:
+    """The next one was numbered by how many there were, and took the place of the newest."""
+    path, stream = tmp_path / "recording.tlog", FrameStream()
+    with Recorder(path, part_bytes=3000) as recorder:
+        for count, (link_us, frame) in enumerate(played[:500]):
+            recorder.write(stream.feed(frame, link_us))
+            if count == 250:
+                kept = recorder.parts[-2]
+                told = kept.read_bytes()
+                recorder.parts[0].unlink()
+    assert kept.name != "recording-001.tlog"
+    assert kept.read_bytes() == told
+    assert len(recorder.parts) > 3
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_is_said_and_how_to_go_on(
     played: list[tuple[int, bytes]], tmp_path: Path

@@ -100,17 +100,17 @@ def command(
     numerics.enable()
     begun = datetime.now(UTC)
     chosen = out if out is not None else Path(f"listen-{begun:%Y%m%d-%H%M%S}")
-    loaded = listen.load(aircraft)
+    listen.load(aircraft)
     with output.folder(chosen, Path(link), "listen", WRITES) as destination:
         with (
-            _kept(aircraft, destination) as flown,
+            _kept(aircraft, destination, resume=resume, to_stderr=as_json) as flown,
             _dashboard(destination, wanted=dashboard),
             _stopping() as stopped,
             live_view.opened(to_stderr=as_json) as show,
         ):
             ending = listen.run(
                 link,
-                loaded,
+                listen.load(flown),
                 listen.Options(
                     prior=prior,
                     vehicle=vehicle,
@@ -166,16 +166,25 @@ def _identified(
 
 
 @contextmanager
-def _kept(aircraft: Path, folder: Path) -> Generator[Path, None, None]:
-    """The aircraft file as it is now, kept beside the recording; gone where there is none."""
+def _kept(
+    aircraft: Path, folder: Path, *, resume: bool, to_stderr: bool
+) -> Generator[Path, None, None]:
+    """The aircraft file as it was when the recording began, beside it; gone where there is none."""
     from gcs_sysid.live import listen
 
     flown = folder / listen.FLOWN
-    shutil.copyfile(aircraft, flown)
+    if not (flown.exists() and listen.recorded(folder)):
+        shutil.copyfile(aircraft, flown)
+    elif resume and flown.read_bytes() != aircraft.read_bytes():
+        live_view.say(
+            f"{aircraft} is not what this flight began with: it goes on with {flown}; move that "
+            "away to go on with the other",
+            to_stderr=to_stderr,
+        )
     try:
         yield flown
     finally:
-        if not (folder / listen.RECORDING).exists():
+        if not listen.recorded(folder):
             flown.unlink(missing_ok=True)
 
 
