@@ -154,6 +154,10 @@ def _counts(document: Document) -> str:
     lost = sum(counts["lost"].values())
     text = f"{counts['recorded']} frames, {counts['updates']} updates"
     text += f", {counts['decimated']} decimated, {counts['late']} late, {lost} lost"
+    # Files of an earlier version do not have all of them.
+    for name in ("frozen", "reboots", "restarts", "failures"):
+        if counts.get(name):
+            text += f", {counts[name]} {name}"
     if latency["p50_ms"] is not None:
         text += f", latency {latency['p50_ms']:.0f}/{latency['p99_ms']:.0f} ms"
     return text

@@ -91,7 +91,7 @@ class Departures:
 
 
 def scale_variance(
-    aircraft: Aircraft, name: str, samples: Samples, kept: slice
+    aircraft: Aircraft, name: str, samples: Samples, kept: slice | np.ndarray
 ) -> Float[np.ndarray, " sample"]:
     """Variance of a coefficient by what mass, inertia and thrust may be wrong by."""
     weight = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma

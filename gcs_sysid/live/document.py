@@ -209,16 +209,16 @@ def here(station: Station) -> Mapping[str, np.ndarray] | None:
 
 def known_where(station: Station, solved: Mapping[str, Solution]) -> dict[str, Any]:
     """The confidence map: by the processes, before these know anything by the first model."""
-    learned = station.processes
+    learned, now = station.processes, 0.0 if station.newest is None else station.newest.row.time
     if learned.phase != "known":
         first = envelope_map.of_first_model(solved, station.aircraft.control_names)
-        return {"by": "first model", **station.map.document(first)}
+        return station.map.lately("first model", now, first)
 
     def deviation(places: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
         found = learned.at(places)
         return {} if found is None else found.lack
 
-    return {"by": "processes", **station.map.document(deviation)}
+    return station.map.lately("processes", now, deviation)
 
 
 def alarms(station: Station, now_us: int | None) -> list[dict[str, Any]]:

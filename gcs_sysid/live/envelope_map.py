@@ -22,6 +22,8 @@ from gcs_sysid.live.flying import slowest
 from gcs_sysid.live.regression import Solution
 
 CELLS = 8
+FRESH_S = 5.0
+"""The map is computed anew so often [s of flight]: every cell costs, and it fills slowly."""
 USUAL_ALPHA = (-0.10, 0.25)
 USUAL_BETA = (-0.25, 0.25)
 """Limits for files without an envelope [rad]."""
@@ -48,6 +50,7 @@ class EnvelopeMap:
         self._speeds = np.zeros(CELLS)
         self._count = 0
         self._sums: dict[str, np.ndarray] = {}
+        self._told: tuple[str, float, dict[str, Any]] = ("", -np.inf, {})
 
     def take(self, samples: Samples, kept: slice) -> None:
         """Counts the rows `kept` of a window."""
@@ -62,6 +65,13 @@ class EnvelopeMap:
         for name, column in (*values.items(), *measured.items()):
             part = np.array([column.sum(), column @ column])
             self._sums[name] = self._sums.get(name, np.zeros(2)) + part
+
+    def lately(self, by: str, now: float, deviation: Deviation) -> dict[str, Any]:
+        """The `document` by something, no older than `FRESH_S`."""
+        known_by, told_at, _ = self._told
+        if by != known_by or not 0.0 <= now - told_at < FRESH_S:
+            self._told = (by, now, {"by": by, **self.document(deviation)})
+        return self._told[2]
 
     def document(self, deviation: Deviation) -> dict[str, Any]:
         """Edges, seconds, and the coefficients' deviations over their spread, plane by plane."""

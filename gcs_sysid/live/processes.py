@@ -39,8 +39,8 @@ from gcs_sysid.live import departure, heap
 from gcs_sysid.live.regression import ANGLES
 from gcs_sysid.live.simulation import Simulation, Values
 
-EVERY = 8
-"""One of so many rows is learned from: six a second at 50 Hz. Those between say the same."""
+PERIOD_S = 0.16
+"""So far apart [s] are rows that are learned from, six a second. Those between say the same."""
 FIRST = 512
 """Samples from which kernel and inducing points are learned first: a minute or so."""
 STORE = 1024
@@ -97,6 +97,7 @@ class Processes:
         self._aircraft = aircraft
         self.inputs = (*MOTION, *aircraft.control_names)
         self._mean = Simulation(aircraft) if believing else None
+        self._next = -np.inf
         self._waiting: list[_Raw] = []
         self._taken = 0
         self._worker: ThreadPoolExecutor | None = None
@@ -138,7 +139,10 @@ class Processes:
         """
         if self.failed or not flow_variance:
             return
-        raw = self._raw(window, kept, flow_variance)
+        rows = self._due(window.time[kept])
+        if not rows.size:
+            return
+        raw = self._raw(window, kept, rows, flow_variance)
         if self._known is not None:
             self._observe(self._known, raw)
             return
@@ -281,13 +285,23 @@ class Processes:
             )
         return self._worker
 
+    def _due(self, time: Float[np.ndarray, " row"]) -> np.ndarray:
+        """Which rows to learn from; a clock that falls back begins anew."""
+        picked, early = [], 0.5 * float(np.median(np.diff(time)))
+        for row, one in enumerate(time):
+            if not self._next - PERIOD_S <= one < self._next - early:
+                picked.append(row)
+                self._next = float(one) + PERIOD_S
+        return np.array(picked, dtype=int)
+
     def _raw(
         self,
         window: Samples,
         kept: slice,
+        due: np.ndarray,
         flow_variance: Mapping[str, Float[np.ndarray, "variable sample"]],
     ) -> _Raw:
-        rows = slice(kept.start, kept.stop, EVERY)
+        rows = kept.start + due
         here = {name: np.asarray(value)[rows] for name, value in window.regressors.items()}
         mean = self._simulated(here)
         missing = np.full(mean.shape[0], np.nan)
@@ -297,7 +311,7 @@ class Processes:
                 values.append(missing)
                 variance.append(missing)
                 continue
-            uncertain = flow_variance[name][:, ::EVERY]
+            uncertain = flow_variance[name][:, due]
             values.append(window.measured[name][rows] - mean[:, row])
             variance.append(window.noise[name][rows] ** 2 + uncertain.sum(axis=0))
             scale = departure.scale_variance(self._aircraft, name, window, rows)
@@ -346,8 +360,9 @@ def _begun(raw: _Raw) -> tuple[Scaling, Learner]:
 
 def _compile(scaling: Scaling, known: Learner) -> None:
     """Runs once what a flight will ask: compiled while it flies, it would hold up the filter."""
-    few = samples.some_of(known.store.rows(), np.arange(2))
-    learner.observe(known, few, FLIGHT)
+    for count in (1, 2):  # a window has one row for us at 145 Hz, else several
+        few = samples.some_of(known.store.rows(), np.arange(count))
+        learner.observe(known, few, FLIGHT)
     _predicted(learner.posterior(known), scaling, scaling.centre[None])
 
 

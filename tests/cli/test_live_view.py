@@ -67,6 +67,14 @@ def test_a_line_holds_state_coefficients_and_counts():
         assert words in text
 
 
+def test_what_happened_is_counted_where_it_did():
+    told = document()
+    assert "reboots" not in live_view.line(told)
+    told["counts"] |= {"frozen": 12, "reboots": 1, "restarts": 2, "failures": 3}
+    for text in (live_view.line(told), shown(told)):
+        assert "12 frozen, 1 reboots, 2 restarts, 3 failures" in " ".join(text.split())
+
+
 def test_a_terminal_shows_first_model_and_processes_too():
     text = shown(document())
     for words in (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import select
 import shutil
 import subprocess
 import time
@@ -37,6 +38,13 @@ class Browser:
             os.close(end)
         self._rest, self._number = b"", 0
         self._session = ""
+        try:
+            self._open(url, width, height)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, url: str, width: int, height: int) -> None:
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
             "sessionId"
@@ -58,6 +66,8 @@ class Browser:
         os.write(self._out, json.dumps(message).encode() + b"\0")
         while True:
             while b"\0" not in self._rest:
+                ready, _, _ = select.select([self._in], [], [], PATIENCE_S)
+                assert ready, "the browser does not answer"
                 piece = os.read(self._in, 65536)
                 assert piece, "the browser is gone"
                 self._rest += piece

@@ -16,12 +16,15 @@ from pathlib import Path
 
 import pytest
 
-from gcs_sysid.dashboard import server
+from gcs_sysid.dashboard import app, server
 from gcs_sysid.dashboard.app import COOKIE, MOST_CLIENTS
 from gcs_sysid.dashboard.watch import KEPT, Watch, point
 from gcs_sysid.errors import InputError
+from tests.dashboard import browser as browsers
 from tests.dashboard.browser import CHROMIUM, Browser
+from tests.report.test_palette import contrast
 
+ASSETS = Path(app.__file__).with_name("assets")
 PATIENCE_S = 20.0
 
 
@@ -80,8 +83,8 @@ def live(**parts: object) -> dict:
         },
         "latency": {"packet_to_update": {"p50_ms": 3.0, "p99_ms": 9.0}},
         "counts": {
-            "received": 7, "recorded": 7, "updates": 5, "decimated": 0, "late": 0, "restarts": 0,
-            "lost": {"bad_crc": 2},
+            "received": 7, "recorded": 7, "updates": 5, "decimated": 0, "late": 0, "frozen": 4,
+            "restarts": 0, "reboots": 1, "failures": 0, "lost": {"bad_crc": 2},
         },
         **parts,
     }  # fmt: skip
@@ -260,6 +263,33 @@ def test_a_point_has_no_number_that_is_none() -> None:
     assert told["alpha"] == [0.1, 0.01]
 
 
+def css_colours(theme: str) -> dict[str, str]:
+    """The page's colours, `#rrggbb`, those of the dark page over those of the light one."""
+    text = (ASSETS / "page.css").read_text()
+    blocks = re.findall(r":root(\.dark)? {(.*?)}", text, re.DOTALL)
+    names = {}
+    for dark, block in blocks:
+        if not dark or theme == "dark":
+            names |= dict(re.findall(r"--([a-z-]+): (#[0-9a-f]+);", block))
+    return {
+        name: c if len(c) == 7 else "#" + "".join(2 * x for x in c[1:]) for name, c in names.items()
+    }
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_text_can_be_read_in_the_sun_and_at_night(theme: str) -> None:
+    """WCAG 2.2: 7 for what is read most, 4.5 for all text, 3 for edges and areas."""
+    page = css_colours(theme)
+    for ground in ("paper", "box"):
+        assert contrast(page["ink"], page[ground]) >= 7.0, ground
+        for name in ("quiet", "mark", "alarm", "go"):
+            assert contrast(page[name], page[ground]) >= 4.5, (name, ground)
+    assert contrast(page["on-alarm"], page["alarm"]) >= 4.5
+    assert contrast(page["paper"], page["mark"]) >= 4.5
+    for name in ("line", "amber"):
+        assert contrast(page[name], page["paper"]) >= 3.0, name
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 @pytest.mark.parametrize("width", [1280, 400], ids=["screen", "phone"])
 def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, width: int) -> None:
@@ -306,7 +336,11 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert len(set(colours)) == 3, colours
     assert "CZ: the simulation departs for 12 s (4.2 standard deviations)." in seen
     assert re.search(r"Values are 4\d s old\.", seen)
-    assert "lost: bad_crc 2" in seen
+    assert "0 late, 4 frozen, 0 restarts, 1 reboots, 0 failures, lost: bad_crc 2" in seen
+    sides = "[b.getBoundingClientRect().width, b.getBoundingClientRect().height]"
+    buttons = f"Array.from(document.querySelectorAll('button')).map(b => Math.min(...{sides}))"
+    smallest = browser.evaluate(f"Math.min(...{buttons})")
+    assert smallest >= 44.0, "too small for a thumb"
     across = "document.documentElement.scrollWidth - window.innerWidth"
     assert browser.evaluate(across) <= 0, "wider than the screen"
     # What a model knows must not lie beside the page, where nobody looks for it.
@@ -323,6 +357,20 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     browser.evaluate("document.getElementById('theme').click()")
     assert browser.evaluate("document.documentElement.className") == "dark"
     browser.close()
+
+
+@pytest.mark.parametrize("how", ["exit 1", "exec sleep 60"], ids=["ends", "hangs"])
+def test_a_browser_that_does_not_work_fails_its_tests(
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that is there and broken must not pass for one that is not there."""
+    broken = tmp_path / "chromium"
+    broken.write_text(f"#!/bin/sh\n{how}\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(browsers, "CHROMIUM", str(broken))
+    monkeypatch.setattr(browsers, "PATIENCE_S", 1.0)
+    with pytest.raises((AssertionError, BrokenPipeError)):
+        Browser("about:blank", tmp_path / "profile")
 
 
 def test_pages_that_follow_are_let_go_without_a_word(tmp_path: Path) -> None:

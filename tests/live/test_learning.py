@@ -210,3 +210,22 @@ def test_what_is_known_least_is_to_be_flown_next(aircraft: Aircraft) -> None:
     assert "elevator" in told[0]["fly"]
     assert "rudder doublets" in told[1]["fly"]
     assert advice.suggestions(aircraft, known(0.01)) == []
+
+
+def test_the_map_is_computed_every_five_seconds(aircraft: Aircraft) -> None:
+    whole, asked = EnvelopeMap(aircraft), []
+    alpha = 0.05 + 0.03 * np.sin(0.05 * np.arange(200))
+    whole.take(window(0, alpha=alpha), KEPT)
+
+    def deviation(_here: dict) -> dict:
+        asked.append(1)
+        return {}
+
+    for second in range(20):
+        whole.lately("first model", float(second), deviation)
+    assert len(asked) == 4 * len(whole.planes)
+    told = whole.lately("processes", 19.5, deviation)
+    assert told["by"] == "processes"
+    assert len(asked) == 5 * len(whole.planes)
+    whole.lately("processes", 3.0, deviation)  # a clock that falls back begins anew
+    assert len(asked) == 6 * len(whole.planes)

@@ -24,6 +24,8 @@ from gcs_sysid.regressors import VARIABLES
 ROOT = Path(__file__).resolve().parents[2]
 ROWS, STEP, NOISE, FLOW = 32, 0.02, 0.01, 0.002
 KEPT = slice(0, ROWS)
+EVERY = 8
+"""Rows from one that is learned from to the next, at 50 Hz."""
 ENOUGH_S = 120.0
 
 
@@ -99,11 +101,27 @@ def known(aircraft: Aircraft) -> Iterator[Processes]:
     found.close()
 
 
+@pytest.mark.parametrize("rate", [10.0, 25.0, 50.0, 60.0, 100.0, 140.0])
+def test_six_rows_a_second_are_learned_from_however_fast_they_come(
+    aircraft: Aircraft, rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One in eight rows was, which at 100 Hz cost twice the time."""
+    monkeypatch.setattr(processes, "FIRST", 10_000)
+    found = Processes(aircraft, believing=False)
+    for number, (window, variance) in enumerate(windows(aircraft, int(20.0 * rate / ROWS))):
+        # A clock on which nothing falls together exactly.
+        time = 1e5 + (ROWS * number + np.arange(ROWS)) / rate
+        found.take(replace(window, time=time), KEPT, variance)
+    times = np.concatenate([part.time for part in found._waiting])
+    assert np.all(np.abs(np.diff(times) - processes.PERIOD_S) < 0.5 / rate)
+    assert np.ptp(times) > 18.0
+
+
 def test_they_foretell_what_they_have_not_seen_within_their_intervals(
     known: Processes, aircraft: Aircraft
 ) -> None:
     assert known.phase == "known"
-    assert known.count == 60 * ROWS // processes.EVERY
+    assert known.count == 60 * ROWS // EVERY
     values = flow(aircraft, np.random.default_rng(9), 64)
     found, true = known.at(values), truth(values)
     assert found is not None
@@ -191,10 +209,10 @@ def test_what_a_learning_takes_is_kept_until_it_has_ended(
     assert found.phase == "learning"
     again = Processes(aircraft, believing=False)
     again.restore(found.state())
-    assert again.count == found.count == 60 * ROWS // processes.EVERY
+    assert again.count == found.count == 60 * ROWS // EVERY
     held.set()
     found._coming.result(ENOUGH_S)
-    assert taught(found, aircraft, 1).count == 61 * ROWS // processes.EVERY
+    assert taught(found, aircraft, 1).count == 61 * ROWS // EVERY
     assert found.phase == "known"
     found.close()
 
@@ -235,7 +253,7 @@ def test_memory_does_not_grow_and_kernel_and_points_are_learned_anew(
     found._known.held.close()
     after = found._known.held.learner
     assert after.base is not before
-    assert after.count == 120 * ROWS // processes.EVERY
+    assert after.count == 120 * ROWS // EVERY
     assert after.store.kept.drawn.size == 200
     assert found._waiting == []
 

@@ -6,7 +6,7 @@ const TILES = [["V", "airspeed", "m/s"], ["alpha", "angle of attack", "°"], ["b
   ["roll", "bank", "°"], ["pitch", "pitch", "°"], ["wind_north", "wind north", "m/s"],
   ["wind_east", "wind east", "m/s"], ["wind_down", "wind down", "m/s"]];
 const COUNTED = { received: "received", recorded: "recorded", updates: "updates",
-  decimated: "decimated", late: "late", restarts: "restarts" };
+  decimated: "decimated", late: "late", frozen: "frozen", restarts: "restarts", reboots: "reboots", failures: "failures" };
 let newest = null, arrived = 0, offered = 0, past = [];
 
 const at = id => document.getElementById(id);
@@ -80,7 +80,7 @@ function streams(live, late) {
   const latency = live.latency.packet_to_update;
   at("link").textContent = `${live.link}: ${health.up === false ? `down (${health.why})` : "up"}, ` +
     `broken ${health.losses || 0} times, silent for ${((health.silence_s || 0) + late).toFixed(1)} s`;
-  at("counts").textContent = Object.entries(COUNTED).map(([key, word]) => `${live.counts[key]} ${word}`)
+  at("counts").textContent = Object.entries(COUNTED).map(([key, word]) => `${live.counts[key] ?? 0} ${word}`)
     .concat(lost.length ? `lost: ${lost.join(", ")}` : "nothing lost",
       latency.p50_ms === null ? [] : `packet to update ${latency.p50_ms.toFixed(0)} ms (99 %: ${latency.p99_ms.toFixed(0)} ms)`).join(", ");
 }
