@@ -2,7 +2,9 @@
 
 Of a deviation only what a flight can change counts: noise and errors of the regressors. The hidden
 aircraft has the file's mass and inertia, but nobody is told that: each derivative of a moment stays
-as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown.
+as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown. Errors and
+deviations are those of what was believed before and what the flights say together; the ratio to
+what was foretold is of what the flights say alone.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ def score(
             index = fit.keys.index(key)
             true = real.aerodynamics[name].terms[key].value
             errors.append(abs(float(fit.value[index]) - true) / abs(true))
-            reached = _without_scale(fit) if inside_filter else changeable(fit)
+            reached = _without_scale(fit, inside_filter=inside_filter)
             deviations.append(float(reached[index]) / abs(true))
             if foretold is not None:
                 ratios.append(float(changeable(fit)[index]) / foretold[name][key])
@@ -73,14 +75,21 @@ def changeable(fit: CoefficientFit) -> np.ndarray:
     return np.hypot(noise, regressor)
 
 
-def _without_scale(fit: CoefficientFit) -> np.ndarray:
-    """Deviation of each term without what mass and inertia add.
+def _without_scale(fit: CoefficientFit, *, inside_filter: bool) -> np.ndarray:
+    """Deviation of each term were mass and inertia known, what was believed before weighed in.
 
-    The filter adds that last. Its `noise` is of the flight without the prior, and where a weak one
-    does not see a direction, far larger than what is known.
+    The filter adds their part last, and it is taken off. Its `noise` is of the flight without the
+    prior, and where a weak one does not see a direction, far larger than what is known.
     """
-    scale = fit.deviations["scale"]
-    return np.sqrt(np.maximum(fit.deviation**2 - scale**2, 0.0))
+    if inside_filter:
+        return np.sqrt(np.maximum(fit.deviation**2 - fit.deviations["scale"] ** 2, 0.0))
+    return np.sqrt(1.0 / (1.0 / changeable(fit) ** 2 + _believed(fit)))
+
+
+def _believed(fit: CoefficientFit) -> np.ndarray:
+    """What was believed of each term before the flights: one over its variance."""
+    raw = changeable(fit) ** 2 + np.asarray(fit.deviations.get("scale", 0.0)) ** 2
+    return np.maximum(1.0 / np.diagonal(fit.covariance) - 1.0 / raw, 0.0)
 
 
 def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
@@ -99,11 +108,9 @@ def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
 
 
 def _later(fit: CoefficientFit, added: Added) -> np.ndarray:
-    now = np.diagonal(fit.covariance)
-    scale = np.asarray(fit.deviations.get("scale", np.zeros(now.size))) ** 2
-    believed = np.maximum(1.0 / now - 1.0 / (changeable(fit) ** 2 + scale), 0.0)
+    scale = np.asarray(fit.deviations.get("scale", 0.0)) ** 2
     after = np.diagonal(information.covariance(fit, added))
-    return np.sqrt(np.maximum(1.0 / (1.0 / after - believed) - scale, 1e-300))
+    return np.sqrt(np.maximum(1.0 / (1.0 / after - _believed(fit)) - scale, 1e-300))
 
 
 def excursions(
