@@ -1,10 +1,9 @@
 """Likely causes of a departure, from what the first model and the aircraft file differ by.
 
-A cause moves the derivatives along one direction d: a weak elevator takes the same share off all
-that hold the elevator, a shift of the centre of gravity adds lift times an arm to the pitching
-moment. With δ the difference of the derivatives, Σ its covariance (of the flight's estimate and of
-the file's values) and τ the size that such a cause has, the evidence for it against none is that
-of one regression coefficient (Kass & Raftery 1995, section 3),
+A cause moves the derivatives along one direction d, see `estimate.suspects`. With δ the difference
+of the derivatives, Σ its covariance (of the flight's estimate and of the file's values) and τ the
+size that such a cause has, the evidence for it against none is that of one regression coefficient
+(Kass & Raftery 1995, section 3),
 
     log B = m² / 2(k + τ⁻²) − log(1 + k τ²) / 2,   m = dᵀ Σ⁻¹ δ,   k = dᵀ Σ⁻¹ d.
 
@@ -13,14 +12,15 @@ A first look while flying: noise of the flow, lags and delays are not in it. `di
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import FORCES, MOMENTS, Aircraft
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate.suspects import Suspect, suspects
 from gcs_sysid.live.regression import Solution
 
 TOLD = 3.0
@@ -36,29 +36,6 @@ as slopes that noise of the flow pulls toward zero."""
 LEFT = 2.0
 """And where no more than this many times the expected square of the differences is left: what a
 cause does not explain is not its doing."""
-RATES = frozenset({"phat", "qhat", "rhat", "alphadot_hat"})
-
-Direction = Mapping[tuple[str, str], float]
-"""What one unit of a cause adds to the derivatives, by coefficient and regressor."""
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """One thing that may be wrong.
-
-    Attributes:
-        cause: its identifier, as `diagnose` has it.
-        about: the control, axis or derivative; empty where there is none.
-        moves: what one unit of it adds to the derivatives.
-        sigma: how large it usually is.
-        unit: of its size.
-    """
-
-    cause: str
-    about: str
-    moves: Direction
-    sigma: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -117,51 +94,6 @@ def explained(parts: Mapping[str, _Part], suspect: Suspect, size: float) -> bool
         square += float(left @ part.information @ left)
         count += len(part.keys)
     return square <= LEFT * count
-
-
-def suspects(aircraft: Aircraft) -> Iterator[Suspect]:
-    """Everything that is looked for, for an aircraft file's aerodynamics."""
-    file = _values(aircraft)
-    parsed = {at: regressors.parse(at[1], controls=aircraft.control_names).variables for at in file}
-    for control in aircraft.control_names:
-        own = {at: value for at, value in file.items() if control in parsed[at]}
-        yield Suspect("surface_effectiveness", control, own, 0.3, "1")
-        moved = {(at[0], regressors.CONSTANT): value for at, value in own.items()
-                 if at[1] == control}  # fmt: skip
-        yield Suspect("surface_offset", control, moved, 0.05, "rad")
-    yield Suspect("mass", "", _scaled(file, FORCES, -1.0), 0.1, "1")
-    for axis, name in zip("xyz", MOMENTS, strict=True):
-        yield Suspect("inertia", f"I{axis}{axis}", _scaled(file, (name,), -1.0), 0.25, "1")
-    arm = aircraft.geometry.mean_chord / aircraft.geometry.wing_span
-    lift = {("Cm", key): value for (name, key), value in file.items() if name == "CZ"}
-    side = {("Cn", key): -arm * value for (name, key), value in file.items() if name == "CY"}
-    yield Suspect("cg_shift", "", {**lift, **side}, 0.08, "mean chords forward")
-    speed = {at: (-1.0 if RATES & set(parsed[at]) else -2.0) * value for at, value in file.items()}
-    yield Suspect("airspeed_scale", "", speed, 0.05, "1")
-    for name, cause, sigma in (
-        ("CX", "drag_increase", 0.03), ("Cl", "asymmetry", 0.01), ("Cn", "asymmetry", 0.01),
-    ):  # fmt: skip
-        yield Suspect(cause, f"{name}0", {(name, regressors.CONSTANT): 1.0}, sigma, "1")
-    for at, value in file.items():
-        if at[1] != regressors.CONSTANT:
-            yield Suspect("aero_derivative", f"{at[0]}_{at[1]}", {at: abs(value)}, 0.3, "1")
-
-
-def _scaled(
-    file: Mapping[tuple[str, str], float], names: tuple[str, ...], by: float
-) -> dict[tuple[str, str], float]:
-    """What is measured of these coefficients, divided by too small a mass or inertia."""
-    return {at: by * value for at, value in file.items() if at[0] in names}
-
-
-def _values(aircraft: Aircraft) -> dict[tuple[str, str], float]:
-    """The file's derivatives by coefficient and canonical key; none of those with tables."""
-    return {
-        (name, regressors.parse(key, controls=aircraft.control_names).key): term.value
-        for name, model in aircraft.aerodynamics.items()
-        if not model.tables
-        for key, term in model.terms.items()
-    }
 
 
 @dataclass(frozen=True)

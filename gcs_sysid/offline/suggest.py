@@ -15,11 +15,12 @@ from gcs_sysid import atmosphere
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design, flown, information, recipes, sortie
+from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Simulator
 from gcs_sysid.maneuvers.information import Knowledge
+from gcs_sysid.maneuvers.separation import Separation
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
 from gcs_sysid.model import trim
@@ -80,8 +81,12 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     known = information.nothing(stored.model)
     progress("finding level flight", 0.02)
     conditions, refused = _conditions(aircraft, stored.model, gust["value"], generator, progress)
-    target = suggestion_target.chosen(
-        stored.model, question.target, question.region, _level(conditions[0])
+    target = (
+        suggestion_target.chosen(
+            stored.model, question.target, question.region, _level(conditions[0])
+        )
+        if question.separate is None
+        else suggestion_target.separating(stored.model, aircraft, question.separate)
     )
     candidates, more = _sized(conditions, target, progress)
     refused += more
@@ -117,6 +122,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "flights": [],
         "confidence": question.confidence,
         "target": question.target,
+        "separate": _separated(stored.model, plan, target),
         "region": {name: list(pair) for name, pair in target.region.items()},
         "gust": gust,
         "conditions": [_condition(item) for item in conditions],
@@ -295,9 +301,23 @@ def _chosen(
 
 def _wanted(question: Question, unsure: Mapping[str, Mapping[str, Any]]) -> bool:
     """Whether anything is to be planned: what was asked for by name, sure or not."""
-    if question.target is not None or question.region is not None:
+    if {question.target, question.region, question.separate} != {None}:
         return True
     return any(item["sd"] > question.confidence * item["spread"] for item in unsure.values())
+
+
+def _separated(model: AeroModel, plan: Sortie, target: Target) -> dict[str, Any] | None:
+    """How well the first cause's size is known whatever the second's, before and after."""
+    if not isinstance(target, Separation):
+        return None
+    known = [information.nothing(model)]
+    for step in plan.steps:
+        known.append(information.with_more(known[-1], step.maneuver.knowledge(), share=step.share))
+    before, after = (
+        separation.apart(model, one, target.first, target.second) ** -0.5
+        for one in (known[0], known[-1])
+    )
+    return {"causes": target.words, "sd_before": before, "sd_after": after}
 
 
 def _listed(

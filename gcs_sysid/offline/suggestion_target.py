@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import MOMENTS
+from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.errors import RegressorError, UsageError
 from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.estimate.suspects import Suspect, suspects
+from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers import target as targets
+from gcs_sysid.maneuvers.separation import Separation, apart, separation
 from gcs_sysid.maneuvers.target import Target
 
+ALIKE = 1e-9
+"""Part of what is known of a cause alone, from which on another is called the same."""
 IN_DEGREES = ("alpha", "beta")
 """Variables whose limits people write in degrees; controls too."""
 
@@ -27,6 +32,7 @@ class Question:
         target: coefficient or derivative to plan for, sure or not; None takes all moments that are
             unsure.
         region: limits of the envelope's part to plan for, see `chosen`.
+        separate: two causes to tell apart, see `separating`; instead of the two before.
         minutes: flight time of the sortie.
         gust: horizontal intensity to reckon with [m/s]; None takes that of the model's flight.
         home: latitude, longitude and heading of the legs [deg], for a mission; None writes none.
@@ -40,6 +46,7 @@ class Question:
     confidence: float = 0.1
     target: str | None = None
     region: str | None = None
+    separate: str | None = None
     minutes: float = 6.0
     gust: float | None = None
     home: str | None = None
@@ -83,6 +90,44 @@ def chosen(
             raise UsageError(f"--target {asked}: {error}") from error
         return targets.derivative(model, name, parsed)
     return targets.derivatives(model, coefficients)
+
+
+def separating(model: AeroModel, aircraft: Aircraft, asked: str) -> Separation:
+    """The target that `--separate` names.
+
+    Args:
+        model: identified so far.
+        aircraft: with the model for its aerodynamics.
+        asked: two causes as `mass,cg_shift`; with what they are about after a colon where there
+            are several, as `surface_effectiveness:elevator` or `aero_derivative:CZ_alpha`.
+
+    Raises:
+        UsageError: not two causes, one that moves no derivative, or two that move them alike.
+    """
+    every = [one for one in suspects(aircraft) if {name for name, _ in one.moves} & set(model.fits)]
+    names = [part.strip() for part in asked.split(",")]
+    if len(names) != 2:
+        raise UsageError(f"--separate {asked}: give two causes, as in mass,cg_shift")
+    one, other = (_suspect(every, name) for name in names)
+    made = separation(model, (one.label, other.label), one.moves, other.moves)
+    nothing = information.nothing(model)
+    alone = apart(model, nothing, one.moves, {})
+    if apart(model, nothing, one.moves, other.moves) <= ALIKE * alone:
+        raise UsageError(
+            f"--separate {asked}: they move the derivatives alike, so that no maneuver tells them "
+            "apart; weigh, swing or measure one of them on the ground"
+        )
+    return made
+
+
+def _suspect(every: Sequence[Suspect], text: str) -> Suspect:
+    cause, _, about = text.partition(":")
+    found = [one for one in every if one.cause == cause and about in ("", one.about)]
+    if len(found) == 1:
+        return found[0]
+    near = found or [one for one in every if one.cause == cause] or every
+    listed = (f"{one.cause}:{one.about}" if one.about else one.cause for one in near)
+    raise UsageError(f"--separate: `{text}` is not one cause; there are {', '.join(listed)}")
 
 
 def _limits(text: str, model: AeroModel) -> dict[str, tuple[float, float]]:

@@ -117,6 +117,16 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         )
         return (*found, Finding("Nothing to fly", text))
     found.append(Finding("Least sure", f"{_unsure(summary)}."))
+    if summary.get("separate"):
+        told = summary["separate"]
+        before, after = (number(told[f"sd_{when}"], 2) for when in ("before", "after"))
+        found.append(
+            Finding(
+                "Separates",
+                f"{told['causes']}: the size of the first, were the second at work as well, is "
+                f"known to {before} now and to {after} after the sortie (sd).",
+            )
+        )
     for item in listed[:4]:
         found.append(Finding("Fly", f"{_described(item)}: {_teaches(item)}."))
     found.append(Finding("Sortie", _sortie_lead(summary)))

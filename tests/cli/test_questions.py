@@ -62,6 +62,15 @@ def test_diagnose(calls, capsys):
     assert capsys.readouterr().out == "diagnose: flight-diagnose/residuals.parquet\n"
 
 
+def test_suggest_takes_one_question(calls, capsys):
+    pair = ["--separate", "mass,cg_shift"]
+    assert entry.main(["suggest", "--model", "model", *pair]) == 0
+    [(_, args, _)] = calls
+    assert args[1].separate == "mass,cg_shift"
+    assert entry.main(["suggest", "--model", "model", *pair, "--target", "Cm"]) == 2
+    assert "--separate goes without --target" in capsys.readouterr().err
+
+
 def test_suggest(calls, capsys):
     arguments = ["--target", "Cn", "--region", "beta=2:8", "--gust", "0.8", "--minutes", "4"]
     arguments += ["--flown", "before", "--seed", "4"]

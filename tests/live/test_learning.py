@@ -10,9 +10,10 @@ import pytest
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.suspects import suspects
 from gcs_sysid.gp.confidence import SHORTEST
 from gcs_sysid.live import advice
-from gcs_sysid.live.causes import likely, suspects
+from gcs_sysid.live.causes import likely
 from gcs_sysid.live.envelope_map import EnvelopeMap, of_first_model
 from gcs_sysid.live.maneuver import QUIET_S, ManeuverWatch
 from gcs_sysid.live.regression import Solution, TermEstimate

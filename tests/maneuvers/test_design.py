@@ -10,7 +10,18 @@ import pytest
 from scipy import linalg
 
 from gcs_sysid.errors import UsageError
-from gcs_sysid.maneuvers import axes, design, flown, holding, information, recipes, sizes, sortie
+from gcs_sysid.estimate.suspects import suspects
+from gcs_sysid.maneuvers import (
+    axes,
+    design,
+    flown,
+    holding,
+    information,
+    recipes,
+    separation,
+    sizes,
+    sortie,
+)
 from gcs_sysid.maneuvers import target as targets
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, STEP, Simulator
@@ -283,3 +294,25 @@ def test_controls_are_those_that_do_most() -> None:
     assert axes.found(made, model()) == axes.Axes("elevator", "aileron", "rudder")
     assert axes.found(made, model()).every == ("elevator", "aileron", "rudder")
     assert axes.travel(made, "elevator") == pytest.approx(0.5)
+
+
+def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned) -> None:
+    """Among all that were flown, by λ before and after each for its flight time."""
+    which = {one.label: one.moves for one in suspects(at.aircraft)}
+    names = ("surface_effectiveness elevator", "inertia Iyy")
+    pair = which[names[0]], which[names[1]]
+    asked = separation.separation(model(), names, *pair)
+    start, items = information.nothing(model()), list(planned.values())
+
+    def told(item: Maneuver) -> float:
+        before = separation.apart(model(), start, *pair)
+        flights = range(design.CALM)
+        each = [{name: parts[draw] for name, parts in item.each.items()} for draw in flights]
+        after = [separation.apart(model(), information.with_more(start, one), *pair)
+                 for one in each]  # fmt: skip
+        return float(np.mean(0.5 * np.log(np.array(after) / before))) / sortie.cost(item)
+
+    plan = sortie.planned(asked, model(), items, budget=60.0)
+    best = plan.steps[0].maneuver
+    assert told(best) == max(told(item) for item in items) > 0.0
+    assert "elevator" in best.recipe.name or best.recipe.name == "wind_up_turn"

@@ -125,6 +125,18 @@ def test_the_map_marks_what_is_aimed_at_without_a_region_too(planned) -> None:
     assert "planned from" not in {rule.name for rule in asked}
 
 
+def test_two_causes_are_told_apart_by_what_is_planned(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(suggest, "SPEEDS", (0.45,))
+    monkeypatch.setattr(suggest, "LISTED", 1)
+    asked = "surface_effectiveness:elevator,inertia:Iyy"
+    document = run(saved(tmp_path), tmp_path / "out", separate=asked, minutes=1.0)
+    assert document["maneuvers"][0]["target"]["coefficients"] == ["Cm"]
+    told = document["separate"]
+    assert told["causes"] == "surface_effectiveness elevator or inertia Iyy"
+    assert told["sd_after"] < 0.8 * told["sd_before"]
+    assert "Separates" in {item.topic for item in findings(document)}
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_every_card_is_one_printed_page(planned, tmp_path) -> None:
     document, out = planned

@@ -32,6 +32,11 @@ WRITES = ("maneuvers.json", "suggest.json", "maneuvers.parquet", "report.html")
     help="Plan for this part of the envelope: alpha=6:12,V=13:16 (deg, m/s).",
 )
 @click.option(
+    "--separate",
+    metavar="CAUSE,CAUSE",
+    help="Plan to tell two causes of `diagnose` apart: mass,aero_derivative:CZ_alpha.",
+)
+@click.option(
     "--minutes",
     metavar="N",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -89,6 +94,7 @@ def command(
     confidence: float,
     target: str | None,
     region: str | None,
+    separate: str | None,
     minutes: float,
     gust: float | None,
     home: str | None,
@@ -109,11 +115,14 @@ def command(
     from gcs_sysid.offline import suggest
     from gcs_sysid.offline.suggestion_target import Question
 
+    if separate is not None and (target is not None or region is not None):
+        raise click.UsageError("--separate goes without --target and --region")
     numerics.enable()
     question = Question(
         confidence=confidence,
         target=target,
         region=region,
+        separate=separate,
         minutes=minutes,
         gust=gust,
         home=home,

@@ -1,0 +1,94 @@
+"""What tells two causes apart, by hand and by a regression of one direction on the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate.suspects import Direction, suspects
+from gcs_sysid.maneuvers import information, separation
+from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.offline import suggestion_target
+from tests.maneuvers.made_model import aircraft, model
+
+
+def moved(made: Aircraft, label: str) -> Direction:
+    return next(one.moves for one in suspects(made) if one.label == label)
+
+
+def more(seed: int) -> Knowledge:
+    """Rows at random, a few of each coefficient."""
+    generator = np.random.default_rng(seed)
+    found = {}
+    for name, fit in model().fits.items():
+        rows = generator.standard_normal((9, len(fit.keys))) / (0.05 * np.abs(fit.value))
+        found[name] = Added(rows.T @ rows, 9.0)
+    return found
+
+
+def regressed(known: Knowledge, first: Direction, second: Direction) -> float:
+    """Square of what is left of one direction once the other has explained what it can."""
+    roots, ones, others = [], [], []
+    for name, fit in model().fits.items():
+        total = np.diag((0.05 * fit.value) ** -2.0) + known[name].information
+        roots.append(np.linalg.cholesky(total).T)
+        ones += [first.get((name, key), 0.0) for key in fit.keys]
+        others += [second.get((name, key), 0.0) for key in fit.keys]
+    root = linalg.block_diag(*roots)
+    one, other = root @ np.array(ones), root @ np.array(others)
+    share = np.linalg.lstsq(other[:, None], one, rcond=None)[0]
+    return float(np.sum((one - other * share) ** 2))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("mass", "cg_shift"),
+        ("surface_effectiveness elevator", "inertia Iyy"),
+        ("airspeed_scale", "mass"),
+    ],
+)
+def test_what_is_left_is_that_of_a_regression(first: str, second: str) -> None:
+    made = aircraft()
+    pair = moved(made, first), moved(made, second)
+    for known in (information.nothing(model()), more(1)):
+        found = separation.apart(model(), known, *pair)
+        assert found == pytest.approx(regressed(known, *pair), rel=1e-9)
+    asked = separation.separation(model(), (first, second), *pair)
+    start = information.nothing(model())
+    expected = 0.5 * np.log(regressed(more(1), *pair) / regressed(start, *pair))
+    assert asked.worth(model(), start, more(1)) == pytest.approx(expected)
+
+
+def test_what_is_like_itself_is_told_by_nothing() -> None:
+    made = aircraft()
+    mass = moved(made, "mass")
+    alone = separation.apart(model(), more(2), mass, {})
+    assert abs(separation.apart(model(), more(2), mass, mass)) < 1e-9 * alone
+
+
+def test_causes_are_named_as_diagnose_has_them() -> None:
+    made = aircraft()
+    asked = suggestion_target.separating(model(), made, "surface_effectiveness:elevator,cg_shift")
+    assert asked.words == "surface_effectiveness elevator or cg_shift"
+    assert set(asked.coefficients) == {"Cm", "Cn"}
+    assert asked.region == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("mass", "give two causes"),
+        ("mass,wind", "`wind` is not one cause; there are surface_effectiveness:"),
+        ("mass,surface_effectiveness", "there are surface_effectiveness:aileron, surface_eff"),
+        ("mass,surface_effectiveness:flap", "there are surface_effectiveness:aileron, surface_eff"),
+        ("mass,mass", "move the derivatives alike"),
+        ("inertia:Iyy,inertia:Iyy", "move the derivatives alike"),
+    ],
+)
+def test_what_cannot_be_told_apart_is_refused(text: str, says: str) -> None:
+    with pytest.raises(UsageError, match=says):
+        suggestion_target.separating(model(), aircraft(), text)
