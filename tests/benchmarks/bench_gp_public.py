@@ -46,7 +46,7 @@ from tests.benchmarks import thesis_data as flights  # noqa: E402
 
 FOLDS, SEED = 10, 0
 POINTS = 100
-GROUPS, SAMPLES = 5, 600
+GROUPS, SAMPLES = 5, 400
 """Of maneuvers that are left out in turn, and samples of the flight that are kept, evenly."""
 STEPS = 100
 """Of the libraries' searches, at most."""
