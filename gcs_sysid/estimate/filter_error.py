@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from gcs_sysid.estimate import in_common, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
@@ -47,6 +47,8 @@ class Fit:
         covariance: of what flights have in common, in the order of `keys`.
         keys: coefficient and regressor of each derivative, then those of the body, if it is sought.
         timing: one deviation of each by the lag of the moments alone (`scoring.TIMING`).
+        information: what this flight says of `keys`, whatever was believed of them before.
+        told: the same times the values that the flight says.
         bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
             infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
@@ -65,6 +67,8 @@ class Fit:
     covariance: Float[np.ndarray, "key key"]
     keys: tuple[tuple[str, str], ...]
     timing: Float[np.ndarray, " key"]
+    information: Float[np.ndarray, "key key"]
+    told: Float[np.ndarray, " key"]
     bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
@@ -113,18 +117,20 @@ def fit(
     )
     common = in_common.places(unknowns.means)
     covariance, deviation = _covariance(done)
-    last = settling.rested(model, flight, unknowns, beliefs, counts).last
+    information, told = _alone(done, beliefs.mean, common)
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
         covariance=covariance[np.ix_(common, common)],
         keys=in_common.keys(unknowns.means),
         timing=_timing(unknowns.means, covariance)[common],
+        information=information,
+        told=told,
         bound=_bound(done, len(in_common.derivative_keys(unknowns.means.aerodynamics))),
         states=states,
         smoothed=smoothed,
         parameters=covariance,
-        moved=last.moved,
+        moved=done.moved,
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.settled,
@@ -225,6 +231,32 @@ def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"],
         ravel_pytree(like.log_noise)[1](jnp.asarray(logs)),
     )
     return covariance, deviation
+
+
+def _alone(
+    done: Scored, believed: Float[np.ndarray, " parameter"], common: Int[np.ndarray, " key"]
+) -> tuple[Float[np.ndarray, "key key"], Float[np.ndarray, " key"]]:
+    """What a flight says of what flights have in common, and that times its values.
+
+    Taken from the flight's own equations, and not as what the posterior says more than the prior:
+    where the gains take most of the information away these equations weigh a flight less than they
+    could, and the posterior is wider than the prior.
+    """
+    means, noises = done.free
+    known = np.flatnonzero(means)
+    doubted = np.concatenate([np.isin(known, common), np.zeros(int(noises.sum()), dtype=bool)])
+    bare = done.doubting(doubted)
+    values = np.array(ravel_pytree(done.unknowns.means)[0])
+    off = np.zeros(doubted.size)
+    off[: known.size] = (values - believed)[known]
+    # Where scores and beliefs balance, scores are what the beliefs pull.
+    values[known] += bare.balanced((done.precision - bare.precision) @ off)[: known.size]
+    rows = np.searchsorted(known, common[means[common]])
+    information = np.zeros((common.size, common.size))
+    information[np.ix_(means[common], means[common])] = scoring.inverse(
+        bare.covariance()[np.ix_(rows, rows)]
+    )
+    return information, information @ values[common]
 
 
 def _timing(

@@ -1,6 +1,6 @@
 """The aerodynamic model that filter error found, in the form in which all methods are told.
 
-What the flight alone says is the posterior with the prior taken off: Λ_flight = Λ − Λ_prior. Mass
+What flights alone say is the sum of what each says: Λ = Σ Λ_flight, Λ θ = Σ Λ_flight θ_flight. Mass
 and inertia are wrong by a factor, of which every derivative of a force or of a moment takes its
 share. Where they are taken as the file has them that share is stated beside the rest; where they
 were found with the derivatives (`in_common.BODY`) it is what the derivatives' deviations would be
@@ -38,8 +38,9 @@ class Derivatives(NamedTuple):
         keys: coefficient and regressor of each, see `in_common`.
         value: of greatest posterior density.
         covariance: of the posterior.
-        prior: their prior means.
         precision: of the prior.
+        information: what flights say of them, whatever was believed before.
+        told: the same times the values that flights say.
         bound: of the derivatives, one standard deviation that no estimate from these flights can
             beat.
     """
@@ -47,8 +48,9 @@ class Derivatives(NamedTuple):
     keys: tuple[tuple[str, str], ...]
     value: Float[np.ndarray, " key"]
     covariance: Float[np.ndarray, "key key"]
-    prior: Float[np.ndarray, " key"]
     precision: Float[np.ndarray, "key key"]
+    information: Float[np.ndarray, "key key"]
+    told: Float[np.ndarray, " key"]
     bound: Float[np.ndarray, " term"]
 
 
@@ -121,12 +123,9 @@ def _of_flight(
         [1.0 if name == in_common.BODY else sizes[name][key] for name, key in found.keys]
     )
     # What is believed of the body stays: no flight tells mass from thrust.
-    taken = np.where(of_body, 0.0, 1.0)
-    prior = found.precision * np.outer(taken, taken)
-    precision = np.linalg.inv(found.covariance)
-    seen = precision - prior
+    seen = found.information + found.precision * np.outer(of_body, of_body)
     covariance = _inverse(seen, scale)
-    value = covariance @ (precision @ found.value - prior @ found.prior)
+    value = covariance @ found.told
     total = np.diagonal(covariance)
     if not of_body.any():
         return _Alone(value, total, None)

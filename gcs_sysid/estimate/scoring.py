@@ -15,7 +15,7 @@ the bound.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -74,6 +74,8 @@ TIMING = 1e-3
 not by the answer to the controls, and there whatever is late by a few milliseconds looks like it: a
 gyro's own filter, the steps of a simulation. On a flight whose simulator seems to step by 10 ms it
 comes out at 3.5 ms where 5 ms make all roll derivatives right, and they are 3 % too large."""
+WIDER = 100.0
+"""A belief so many times as wide is none."""
 PASSES = 2
 """Of the filter, after which its path has followed the parameters."""
 Unknown = Float[np.ndarray, " unknown"]
@@ -94,6 +96,7 @@ class Scored:
         ended: whether nothing more was to be gained.
         moving: how far the last step wanted to move the derivative that it moved most, in its
             deviations.
+        moved: how the last state moves with all parameters, where the steps began.
     """
 
     unknowns: Unknowns
@@ -105,6 +108,7 @@ class Scored:
     log_likelihood: tuple[float, ...]
     ended: bool
     moving: float
+    moved: Float[np.ndarray, "state parameter"]
 
     @property
     def settled(self) -> bool:
@@ -115,6 +119,17 @@ class Scored:
     def near(self) -> bool:
         """Whether the search ended, or is at least not astray."""
         return self.ended or self.moving < ASTRAY
+
+    def doubting(self, doubted: Bool[np.ndarray, " unknown"]) -> Scored:
+        """The same with beliefs about these that are `WIDER` as wide."""
+        wide = np.where(doubted, 1.0 / WIDER, 1.0)
+        return replace(self, precision=self.precision * np.outer(wide, wide))
+
+    def balanced(self, pull: Unknown) -> Unknown:
+        """How far unknowns go until the scores have changed by as much as is pulled."""
+        size = np.sqrt(np.diagonal(self.curvature.scatter + self.precision))
+        matrix = (self.curvature.slope + self.precision) / np.outer(size, size)
+        return np.linalg.solve(matrix, pull / size) / size
 
     def scatter(self) -> float:
         """Overdispersion of the parameters' scores."""
@@ -284,6 +299,7 @@ def climbed(
         log_likelihood=tuple(history),
         ended=ended,
         moving=moving,
+        moved=settled.last.moved,
     )
 
 

@@ -298,7 +298,10 @@ def _believed(mean: Terms, sigma: Terms, aircraft: Aircraft, *, body: bool) -> D
         value = np.concatenate([value, np.zeros(len(in_common.PARTS))])
         spread = np.concatenate([spread, _stated(aircraft)])
     precision = np.diag(1.0 / spread**2)
-    return Derivatives(keys, value, np.diag(spread**2), value, precision, bound)
+    nothing = np.zeros((value.size, value.size))
+    return Derivatives(
+        *(keys, value, np.diag(spread**2), precision), nothing, np.zeros_like(value), bound
+    )
 
 
 def _stated(aircraft: Aircraft) -> Float[np.ndarray, " part"]:
@@ -334,7 +337,13 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
     least = np.sqrt(np.diagonal(fit.bound))
     with np.errstate(divide="ignore"):  # nothing from either is nothing from both
         bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
-    return before._replace(value=value, covariance=fit.covariance, bound=bound)
+    return before._replace(
+        value=value,
+        covariance=fit.covariance,
+        information=before.information + fit.information,
+        told=before.told + fit.told,
+        bound=bound,
+    )
 
 
 def _with(unknowns: Unknowns, found: Derivatives) -> Unknowns:

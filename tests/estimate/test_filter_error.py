@@ -345,6 +345,7 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
                 *(FIRST, (free, free), Curvature(one, one, one), one, one, one, (0.0,)),
                 ended=moving < 0.25,
                 moving=moving,
+                moved=np.zeros((1, 1)),
             )
 
         monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
@@ -384,6 +385,7 @@ def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
             *(FIRST, free, Curvature(one, one, one), one, one, one, (likely,)),
             ended=moving < 0.25,
             moving=moving,
+            moved=np.zeros((1, 1)),
         )
 
     def reached(*ends: tuple[float, float]) -> tuple[float, float]:
@@ -460,7 +462,10 @@ def test_a_search_ends_where_intensities_promise_what_is_not_there(
 def test_a_search_that_stopped_tells_what_it_nearly_reached(ended, moving, wanted) -> None:
     one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
     done = Scored(
-        *(FIRST, free, Curvature(one, one, one), one, one, one, (0.0,)), ended=ended, moving=moving
+        *(FIRST, free, Curvature(one, one, one), one, one, one, (0.0,)),
+        ended=ended,
+        moving=moving,
+        moved=np.zeros((1, 1)),
     )
     assert done.settled is wanted
 
@@ -482,6 +487,7 @@ def test_what_no_row_tells_is_not_bounded_and_stays_as_believed() -> None:
         log_likelihood=(0.0,),
         ended=True,
         moving=0.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
     )
     bound = filter_error._bound(done, 2)
     np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
@@ -503,6 +509,7 @@ def test_sums_that_move_less_are_known_less() -> None:
         log_likelihood=(0.0,),
         ended=True,
         moving=0.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
     )
     np.testing.assert_allclose(done.covariance(), [[1.0]])
     stopped = replace(done, ended=False, moving=0.5)
@@ -525,6 +532,7 @@ def test_a_search_that_stopped_leaves_what_was_believed_as_it_was() -> None:
         log_likelihood=(0.0,),
         ended=False,
         moving=3.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
     )
     left = np.linalg.inv(done.covariance()) - believed
     np.testing.assert_allclose(left, told / 10.0, rtol=1e-9)
@@ -550,6 +558,7 @@ def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:
         log_likelihood=(0.0,),
         ended=True,
         moving=0.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
     )
     wanted = found + 1e-6 * np.array([[400.0, 20.0], [20.0, 1.0]])
     np.testing.assert_allclose(done.covariance(), wanted, rtol=1e-6)

@@ -60,7 +60,9 @@ def test_the_share_of_the_body_in_a_deviation_is_told_apart() -> None:
     covariance[0, 0] += (0.6 * 0.05) ** 2
     covariance[0, 3] = covariance[3, 0] = -0.6 * 0.05**2
     believed = np.diag(1.0 / np.array([100.0, 0.02, 0.2, 0.2, 0.2, 0.15]) ** 2)
-    found = Derivatives(keys, value, covariance, value, believed, np.array([0.006]))
+    information = np.linalg.inv(covariance) - believed
+    told = information @ value
+    found = Derivatives(keys, value, covariance, believed, information, told, np.array([0.006]))
     alone = inside_filter._of_flight(found, {"Cm": ("elevator",)}, file)
     assert alone.body is not None
     assert np.sqrt(alone.noise[0]) == pytest.approx(0.006, rel=1e-6)
