@@ -14,11 +14,26 @@ LOOK_S = 1.0
 """So long are the inertial streams compared before one is chosen."""
 RATE = ("p", "q", "r")
 FORCE = ("acc_x", "acc_y", "acc_z")
+MOST = {
+    **dict.fromkeys(RATE, 100.0),
+    **dict.fromkeys(FORCE, 1000.0),
+    **dict.fromkeys(("airspeed", "v_north", "v_east", "v_down"), 500.0),
+    **dict.fromkeys(("roll", "pitch", "yaw", "alpha", "beta"), 10.0),
+    "static_pressure": 2e5,
+    "altitude": 2e4,
+}
+LEAST = {"static_pressure": 1e3}
+"""Sizes that nothing which flies here reaches [SI, rad]: a message that holds more is damaged, and
+one such number ruins a covariance."""
+_ANY = 1e6
 
 
 def measured(sample: Sample, channels: Sequence[str]) -> bool:
-    """Whether a sample holds a number for each of `channels`."""
-    return all(math.isfinite(sample.channels.get(name, math.nan)) for name in channels)
+    """Whether a sample holds a number for each of `channels` that can be one."""
+    return all(
+        LEAST.get(name, 0.0) <= abs(sample.channels.get(name, math.nan)) <= MOST.get(name, _ANY)
+        for name in channels
+    )
 
 
 class StreamChoice:

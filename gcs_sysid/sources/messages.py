@@ -129,7 +129,7 @@ def _attitude(fields: Fields, result: Channels) -> None:
 def _attitude_quaternion(fields: Fields, result: Channels) -> None:
     w, x, y, z = (fields[f"q{i}"].astype(np.float64) for i in (1, 2, 3, 4))
     norm = np.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = (np.where(norm > 0.5, component, np.nan) for component in (w, x, y, z))
+    w, x, y, z = (np.where((norm > 0.5) & (norm < 2.0), each, np.nan) for each in (w, x, y, z))
     result["roll"] = np.arctan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
     result["pitch"] = np.arcsin(np.clip(2.0 * (w * y - z * x) / (norm * norm + 1e-300), -1.0, 1.0))
     result["yaw"] = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
