@@ -287,13 +287,15 @@ def linearise(
         inner: `mechanics` of the step.
     """
     half = half_transition(inner, decay(noise), row)
+    # Both of all rows alike: where many rows are linearised at once they are worked out once.
+    believed, not_believed = (driving(doubted(noise, jnp.asarray(flag))) for flag in (True, False))
     moved = advance(aircraft, means, noise, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
         transition=half @ half,
         offset=difference(moved, after),
-        process=process(half, row, driving(doubted(noise, row.modelled))),
+        process=process(half, row, jnp.where(row.modelled, believed, not_believed)),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

@@ -41,7 +41,7 @@ from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.gp.aerodynamics import beyond
 from gcs_sysid.model import departures
-from gcs_sysid.model.aided import Means
+from gcs_sysid.model.aided import Means, State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_compatibility, aided_flight, aided_states
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
@@ -50,6 +50,8 @@ from gcs_sysid.reconstruct import aided_smoother
 COARSE_MASS, COARSE_INERTIA = 0.03, 0.1
 """A file that is less sure than this of mass or inertia [one sigma, relative] may be wrong enough
 for what goes with them, thrust above all, to bend the airspeed's scale."""
+ROUNDS, ROUNDS_NEAR = 4, 2
+"""Of the smoother: from the kinematics, and from a flight smoothed with nearly the same model."""
 EXACT = 1e-4
 """Least relative deviation of what a file says of mass, inertia and thrust: nothing is exact."""
 OFF = (
@@ -165,7 +167,7 @@ def identify(
         final_fits = scored_fits
     progress("smoothing with the model", 1.0)
     seen = [
-        _smoothed(model, item, _with(fit.unknowns, scored), _embodied(aircraft, scored))
+        _smoothed(model, item, _with(fit.unknowns, scored), _embodied(aircraft, scored), fit.states)
         for item, fit in zip(prepared, scored_fits, strict=True)
     ]
     samples = [one.samples for one in seen]
@@ -416,11 +418,21 @@ def _beliefs(item: _Prepared, centre: Unknowns, known: Float[np.ndarray, "key ke
 
 
 def _smoothed(
-    model: FlightModel, item: _Prepared, unknowns: Unknowns, aircraft: Aircraft
+    model: FlightModel,
+    item: _Prepared,
+    unknowns: Unknowns,
+    aircraft: Aircraft,
+    near: State | None = None,
 ) -> Flight:
-    """The whole flight under a model, its maneuvers held out or not, as of this aircraft."""
+    """The whole flight under a model, its maneuvers held out or not, as of this aircraft.
+
+    From the smoothed flight that is `near`, where that is all of it and not its liveliest part.
+    """
+    nominal, rounds = item.rows.nominal, ROUNDS
+    if near is not None and len(near.velocity) == item.rows.rows.step.size:
+        nominal, rounds = near, ROUNDS_NEAR
     states, done = aided_smoother.iterated(
-        model, *unknowns, item.rows.rows, item.rows.nominal, item.rows.beginning, rounds=4
+        model, *unknowns, item.rows.rows, nominal, item.rows.beginning, rounds=rounds
     )
     kept = aided_flight.kept_rows(item.rows.rows)
     late = unknowns.means.sensors.surface_delay
