@@ -23,10 +23,11 @@ from jaxtyping import Bool, Float, Int
 
 from gcs_sysid.estimate import in_common, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
+from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import LostError, Scored
 from gcs_sysid.estimate.settling import Beliefs, Settled
-from gcs_sysid.model.aided import Means, State
+from gcs_sysid.model.aided import State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother
 from gcs_sysid.reconstruct.linear_filter import Belief
@@ -44,11 +45,8 @@ class Fit:
     Attributes:
         unknowns: where the search ended.
         deviation: one standard deviation of each.
-        covariance: of what flights have in common, in the order of `keys`.
         keys: coefficient and regressor of each derivative, then those of the body, if it is sought.
-        timing: one deviation of each by the lag of the moments alone (`scoring.TIMING`).
-        information: what this flight says of `keys`, whatever was believed of them before.
-        told: the same times the values that the flight says.
+        said: what this flight says of `keys`.
         bound: Cramér–Rao of the derivatives by the flight alone, were innovations independent; of
             infinite variance where the flight says nothing.
         states: smoothed flight, one state a row.
@@ -64,11 +62,8 @@ class Fit:
 
     unknowns: Unknowns
     deviation: Unknowns
-    covariance: Float[np.ndarray, "key key"]
     keys: tuple[tuple[str, str], ...]
-    timing: Float[np.ndarray, " key"]
-    information: Float[np.ndarray, "key key"]
-    told: Float[np.ndarray, " key"]
+    said: Said
     bound: Float[np.ndarray, "term term"]
     states: State
     smoothed: Belief
@@ -117,15 +112,11 @@ def fit(
     )
     common = in_common.places(unknowns.means)
     covariance, deviation = _covariance(done)
-    information, told = _alone(done, beliefs.mean, common)
     return Fit(
         unknowns=unknowns,
         deviation=deviation,
-        covariance=covariance[np.ix_(common, common)],
         keys=in_common.keys(unknowns.means),
-        timing=_timing(unknowns.means, covariance)[common],
-        information=information,
-        told=told,
+        said=_said(done, beliefs.mean, common),
         bound=_bound(done, len(in_common.derivative_keys(unknowns.means.aerodynamics))),
         states=states,
         smoothed=smoothed,
@@ -233,14 +224,19 @@ def _covariance(done: Scored) -> tuple[Float[np.ndarray, "parameter parameter"],
     return covariance, deviation
 
 
-def _alone(
+def _said(
     done: Scored, believed: Float[np.ndarray, " parameter"], common: Int[np.ndarray, " key"]
-) -> tuple[Float[np.ndarray, "key key"], Float[np.ndarray, " key"]]:
-    """What a flight says of what flights have in common, and that times its values.
+) -> Said:
+    """What a flight says of what flights have in common.
 
     Taken from the flight's own equations, and not as what the posterior says more than the prior:
     where the gains take most of the information away these equations weigh a flight less than they
     could, and the posterior is wider than the prior.
+
+    Args:
+        done: where the steps ended.
+        believed: means of the beliefs.
+        common: which parameters flights have in common.
     """
     means, noises = done.free
     known = np.flatnonzero(means)
@@ -251,22 +247,13 @@ def _alone(
     off[: known.size] = (values - believed)[known]
     # Where scores and beliefs balance, scores are what the beliefs pull.
     values[known] += bare.balanced((done.precision - bare.precision) @ off)[: known.size]
-    rows = np.searchsorted(known, common[means[common]])
+    late, found = np.zeros(values.size), bare.equations()
+    late[known] = bare.timing(found)[: known.size]
+    sought = means[common]
+    rows = np.searchsorted(known, common[sought])
     information = np.zeros((common.size, common.size))
-    information[np.ix_(means[common], means[common])] = scoring.inverse(
-        bare.covariance()[np.ix_(rows, rows)]
-    )
-    return information, information @ values[common]
-
-
-def _timing(
-    means: Means, covariance: Float[np.ndarray, "parameter parameter"]
-) -> Float[np.ndarray, " parameter"]:
-    """One deviation that `scoring.timed` gave each parameter; none where the lag is held."""
-    (lag,) = np.flatnonzero(scoring.marked(means, ("moment_lag",)))
-    if covariance[lag, lag] == 0.0:
-        return np.zeros(covariance.shape[0])
-    return np.abs(scoring.by_timing(covariance, int(lag)))
+    information[np.ix_(sought, sought)] = scoring.inverse(bare.as_ended(found)[np.ix_(rows, rows)])
+    return Said(information, information @ values[common], information @ late[common])
 
 
 def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:

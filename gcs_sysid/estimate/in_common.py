@@ -7,6 +7,7 @@ sensors, which are each flight's own.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +21,30 @@ BODY = "body"
 """Stands for the coefficient in the keys of mass, inertia and thrust."""
 PARTS = ("mass", "Ixx", "Iyy", "Izz", "thrust")
 Key = tuple[str, str]
+
+
+class Said(NamedTuple):
+    """What flights say of what they have in common, whatever was believed before; it adds up.
+
+    Attributes:
+        information: Λ, were the lag of the moments what it seems to be.
+        told: Λ times the values that the flights say.
+        late: Λ times what these go by where the lag is off by as much as is allowed for. Of all
+            flights by the same lag, so that more of them do not take it away.
+    """
+
+    information: Float[np.ndarray, "key key"]
+    told: Float[np.ndarray, " key"]
+    late: Float[np.ndarray, " key"]
+
+    def plus(self, other: Said) -> Said:
+        """What these flights and others say."""
+        return Said(*(one + more for one, more in zip(self, other, strict=True)))
+
+    @staticmethod
+    def nothing(count: int) -> Said:
+        """What no flight says of so many keys."""
+        return Said(np.zeros((count, count)), np.zeros(count), np.zeros(count))
 
 
 def derivative_keys(aerodynamics: Mapping[str, Mapping[str, Array]]) -> tuple[Key, ...]:

@@ -1,6 +1,6 @@
 """The aerodynamic model that filter error found, in the form in which all methods are told.
 
-What flights alone say is the sum of what each says: Λ = Σ Λ_flight, Λ θ = Σ Λ_flight θ_flight. Mass
+What flights say adds up, Λ = Σ Λ_flight and Λ θ = Σ Λ_flight θ_flight, and so does the prior. Mass
 and inertia are wrong by a factor, of which every derivative of a force or of a moment takes its
 share. Where they are taken as the file has them that share is stated beside the rest; where they
 were found with the derivatives (`in_common.BODY`) it is what the derivatives' deviations would be
@@ -21,7 +21,9 @@ from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.estimate import equation_error, in_common, plausible
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.equation_error import Problem
+from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
+from gcs_sysid.estimate.scoring import inverse
 
 CONSTANT_SIZE = 1.0
 OTHER_SIZE = 10.0
@@ -36,22 +38,37 @@ class Derivatives(NamedTuple):
 
     Attributes:
         keys: coefficient and regressor of each, see `in_common`.
-        value: of greatest posterior density.
-        covariance: of the posterior.
-        precision: of the prior.
-        information: what flights say of them, whatever was believed before.
-        told: the same times the values that flights say.
+        believed: values before any flight.
+        precision: of these.
+        said: what flights say of them.
         bound: of the derivatives, one standard deviation that no estimate from these flights can
             beat.
     """
 
     keys: tuple[tuple[str, str], ...]
-    value: Float[np.ndarray, " key"]
-    covariance: Float[np.ndarray, "key key"]
+    believed: Float[np.ndarray, " key"]
     precision: Float[np.ndarray, "key key"]
-    information: Float[np.ndarray, "key key"]
-    told: Float[np.ndarray, " key"]
+    said: Said
     bound: Float[np.ndarray, " term"]
+
+    @property
+    def value(self) -> Float[np.ndarray, " key"]:
+        """Of greatest posterior density, by Bayes' rule: in whatever order the flights came."""
+        return self._told(self.precision @ self.believed + self.said.told)
+
+    @property
+    def late(self) -> Float[np.ndarray, " key"]:
+        """What the values go by where the lag of the moments is off by what is allowed for."""
+        return self._told(self.said.late)
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "key key"]:
+        """Of the posterior."""
+        late = self.late
+        return inverse(self.precision + self.said.information) + np.outer(late, late)
+
+    def _told(self, vector: Float[np.ndarray, " key"]) -> Float[np.ndarray, " key"]:
+        return inverse(self.precision + self.said.information) @ vector
 
 
 def beliefs(
@@ -123,15 +140,15 @@ def _of_flight(
         [1.0 if name == in_common.BODY else sizes[name][key] for name, key in found.keys]
     )
     # What is believed of the body stays: no flight tells mass from thrust.
-    seen = found.information + found.precision * np.outer(of_body, of_body)
+    seen = found.said.information + found.precision * np.outer(of_body, of_body)
     covariance = _inverse(seen, scale)
-    value = covariance @ found.told
-    total = np.diagonal(covariance)
+    value, late = covariance @ found.said.told, covariance @ found.said.late
+    total = np.diagonal(covariance) + late**2
     if not of_body.any():
         return _Alone(value, total, None)
     kept = np.flatnonzero(~of_body)
     noise = np.zeros(scale.size)
-    noise[kept] = np.diagonal(_inverse(seen[np.ix_(kept, kept)], scale[kept]))
+    noise[kept] = np.diagonal(_inverse(seen[np.ix_(kept, kept)], scale[kept])) + late[kept] ** 2
     return _Alone(value, noise, np.maximum(total - noise, 0.0))
 
 

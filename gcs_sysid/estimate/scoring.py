@@ -136,22 +136,43 @@ class Scored:
         count = int(self.free[0].sum())
         return overdispersion(self.blocks[:, :count], np.diagonal(self.curvature.scatter)[:count])
 
-    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
-        """Of all that was sought (Godambe, Biometrika 72, 1985): A⁻¹ M A⁻ᵀ with the prior.
+    def equations(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Covariance of where scores and beliefs balance (Godambe, Biometrika 72, 1985).
 
-        The lag of the moments is believed to `TIMING` at best, and what goes with it accordingly.
-        Where a search had not ended, what the flight tells counts for less, by as much as a
-        derivative was still to move; what was believed before stays.
+        A⁻¹ M A⁻ᵀ with the prior in both, as if the lag of the moments meant what it seems to.
         """
         factor = self.scatter()
         scatter = self.curvature.scatter / factor + self.precision
         size = np.sqrt(np.diagonal(scatter))
         unit = np.outer(size, size)
         inner = np.linalg.inv((self.curvature.slope / factor + self.precision) / unit)
-        found = inner @ (scatter / unit) @ inner.T / unit
+        return inner @ (scatter / unit) @ inner.T / unit
+
+    def as_ended(
+        self, covariance: Float[np.ndarray, "unknown unknown"]
+    ) -> Float[np.ndarray, "unknown unknown"]:
+        """What the flight tells counts for less where the search had not ended.
+
+        By as much as a derivative was still to move; what was believed before stays.
+        """
+        if self.ended:
+            return covariance
+        return _doubted(covariance, self.precision, 1.0 + self.moving**2)
+
+    def timing(self, covariance: Float[np.ndarray, "unknown unknown"]) -> Unknown:
+        """What each of all that was sought goes by with `TIMING` more lag of the moments."""
         for lag in np.flatnonzero(marked(self.unknowns.means, ("moment_lag",))[self.free[0]]):
-            found = timed(found, int(lag))
-        return found if self.ended else _doubted(found, self.precision, 1.0 + self.moving**2)
+            return by_timing(covariance, int(lag))
+        return np.zeros(len(covariance))
+
+    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Of all that was sought.
+
+        The lag of the moments is believed to `TIMING` at best, and what goes with it accordingly.
+        """
+        found = self.equations()
+        late = self.timing(found)
+        return self.as_ended(found + np.outer(late, late))
 
 
 class LostError(Exception):

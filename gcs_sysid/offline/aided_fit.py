@@ -32,6 +32,7 @@ from gcs_sysid.estimate import (
 )
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.flight_rows import Unknowns
+from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
 from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.lacking import Lacking, Scores
@@ -84,6 +85,7 @@ class AidedFlights:
         scored: the model without the held-out maneuvers.
         final: the model of all.
         aircraft: with the mass, inertia and thrust that go with the final model.
+        derivatives: of the final model, all together.
         fits: of the final model, one a flight.
         lacking: terms that the final model does not have, and the flights ask for.
         unsettled: on which flight a search did not end, and what to do: then nothing here but
@@ -95,6 +97,7 @@ class AidedFlights:
     scored: AeroModel
     final: AeroModel
     aircraft: Aircraft
+    derivatives: Derivatives
     fits: tuple[Fit, ...]
     lacking: tuple[Lacking, ...]
     unsettled: str
@@ -167,7 +170,7 @@ def identify(
         final_fits = scored_fits
     progress("smoothing with the model", 1.0)
     seen = [
-        _smoothed(model, item, _with(fit.unknowns, scored), _embodied(aircraft, scored), fit.states)
+        _smoothed(model, item, _agreeing(fit, scored), _embodied(aircraft, scored), fit.states)
         for item, fit in zip(prepared, scored_fits, strict=True)
     ]
     samples = [one.samples for one in seen]
@@ -182,6 +185,7 @@ def identify(
         scored=inside_filter.model(scored, samples, aircraft, structure, learned),
         final=inside_filter.model(found, samples, aircraft, structure, kept),
         aircraft=_embodied(aircraft, found),
+        derivatives=found,
         fits=fits,
         lacking=_lacking(model, prepared, fits, before, seen, structure),
         unsettled=_unsettled(prepared, fits) or _unsettled(prepared, scored_fits),
@@ -300,10 +304,7 @@ def _believed(mean: Terms, sigma: Terms, aircraft: Aircraft, *, body: bool) -> D
         value = np.concatenate([value, np.zeros(len(in_common.PARTS))])
         spread = np.concatenate([spread, _stated(aircraft)])
     precision = np.diag(1.0 / spread**2)
-    nothing = np.zeros((value.size, value.size))
-    return Derivatives(
-        *(keys, value, np.diag(spread**2), precision), nothing, np.zeros_like(value), bound
-    )
+    return Derivatives(keys, value, precision, Said.nothing(value.size), bound)
 
 
 def _stated(aircraft: Aircraft) -> Float[np.ndarray, " part"]:
@@ -334,23 +335,28 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
     """What is known with one flight more; each flight's information adds to the bound's."""
     if fit.keys != before.keys:
         raise ValueError("derivatives in another order")
-    value = in_common.values(fit.unknowns.means)
-    first = np.array_equal(np.linalg.inv(before.covariance), before.precision)
     least = np.sqrt(np.diagonal(fit.bound))
     with np.errstate(divide="ignore"):  # nothing from either is nothing from both
-        bound = least if first else 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
-    return before._replace(
-        value=value,
-        covariance=fit.covariance,
-        information=before.information + fit.information,
-        told=before.told + fit.told,
-        bound=bound,
-    )
+        both = 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
+    first = not before.said.information.any()
+    return before._replace(said=before.said.plus(fit.said), bound=least if first else both)
 
 
 def _with(unknowns: Unknowns, found: Derivatives) -> Unknowns:
     """These unknowns with other derivatives, and with another body where that is sought."""
     return unknowns._replace(means=in_common.with_values(unknowns.means, found.value))
+
+
+def _agreeing(fit: Fit, found: Derivatives) -> Unknowns:
+    """A flight's unknowns with what all flights have found, and what of its own goes with that."""
+    means = fit.unknowns.means
+    flat, unravel = ravel_pytree(means)
+    common = in_common.places(means)
+    sought = np.diagonal(fit.parameters)[common] > 0.0
+    places = common[sought]
+    off = (found.value - in_common.values(means))[sought]
+    known = fit.parameters[:, places] @ scoring.inverse(fit.parameters[np.ix_(places, places)])
+    return fit.unknowns._replace(means=unravel(flat + known @ off))
 
 
 def _fit(

@@ -10,6 +10,7 @@ import numpy as np
 from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.model import aided
 from gcs_sysid.offline import aided_compatibility
@@ -70,26 +71,25 @@ def _innovations(fit: Fit) -> dict[str, float]:
     return out
 
 
-def body(fits: Sequence[Fit], aircraft: Aircraft) -> dict[str, Any]:
+def body(found: Derivatives | None, aircraft: Aircraft) -> dict[str, Any]:
     """Mass, inertia and thrust that were found with the aerodynamics; nothing if not sought.
 
     Args:
-        fits: one a flight, the last one knowing what the others told.
+        found: by the filter, of all flights.
         aircraft: as its file describes it.
     """
-    if not fits:
+    if found is None:
         return {}
-    last, stated = fits[-1], aircraft.mass
-    rows = [row for row, (name, _) in enumerate(last.keys) if name == in_common.BODY]
-    by = in_common.values(last.unknowns.means)[rows]
-    sure = np.sqrt(np.diagonal(last.covariance)[rows])
+    stated = aircraft.mass
     sizes = dict(mass=stated.mass, Ixx=stated.Ixx, Iyy=stated.Iyy, Izz=stated.Izz, thrust=1.0)
     units = {"mass": "kg", "thrust": "1"}
+    sure = np.sqrt(np.diagonal(found.covariance))
     return {
         part: Estimate(
             sizes[part] * (1.0 + float(share)), sizes[part] * float(sd), units.get(part, "kg·m²")
         ).document()
-        for (_, part), share, sd in zip((last.keys[row] for row in rows), by, sure, strict=True)
+        for (name, part), share, sd in zip(found.keys, found.value, sure, strict=True)
+        if name == in_common.BODY
     }
 
 

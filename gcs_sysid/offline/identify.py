@@ -21,6 +21,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import equation_error, stepwise, verdict
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.estimate.lacking import Lacking
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.offline import (
@@ -208,15 +209,16 @@ class _Asked(NamedTuple):
 class _Found(NamedTuple):
     """Models, and the flights with the states that they were made from.
 
-    `aircraft` is the one that goes with the final model. `fits` are those inside the filter, none
-    where coefficients were fitted; `reason` says why not, and `refused` whether the filter was
-    asked and found no end. `lacking` are terms that it asks for.
+    `aircraft` is the one that goes with the final model. `derivatives` and `fits` are those inside
+    the filter, none where coefficients were fitted; `reason` says why not, and `refused` whether
+    the filter was asked and found no end. `lacking` are terms that it asks for.
     """
 
     flights: Sequence[Flight]
     scored: AeroModel
     final: AeroModel
     aircraft: Aircraft
+    derivatives: Derivatives | None
     fits: Sequence[Fit]
     reason: str | None
     refused: bool
@@ -243,13 +245,13 @@ def _fitted(
             inside = _inside(flights, aircraft, usual, asked, share)
             return _Found(
                 *(inside.flights, inside.scored, inside.final, inside.aircraft),
-                *(inside.fits, None, False, inside.lacking, inside.notes),
+                *(inside.derivatives, inside.fits, None, False, inside.lacking, inside.notes),
             )
         except UnsettledError as error:
             reason, asked_for = str(error), error.lacking
     share("fitting the model", 1.0)
     final = _fit(flights, aircraft, structure, None, asked.prior)
-    return _Found(flights, scored, final, aircraft, (), reason, tried, asked_for, ())
+    return _Found(flights, scored, final, aircraft, None, (), reason, tried, asked_for, ())
 
 
 def _inside(
@@ -349,7 +351,7 @@ def _document(
         "derivatives": found,
         "method": aided_summary.method(made.fits, made.reason, refused=made.refused),
         "lacking": aided_summary.lacking(made.lacking),
-        "mass_properties": aided_summary.body(made.fits, aircraft),
+        "mass_properties": aided_summary.body(made.derivatives, aircraft),
         "reconstruction": summary.reconstruction(flights[0]),
         "compatibility": summary.compatibility(flights[0]),
         "maneuvers": summary.maneuvers(flights, held_out),

@@ -38,7 +38,7 @@ from gcs_sysid.estimate import basis, in_common  # noqa: E402
 from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
 from gcs_sysid.estimate.result import Prior  # noqa: E402
 from gcs_sysid.offline import aided_fit, flight, maneuver_choice  # noqa: E402
-from gcs_sysid.offline.aided_fit import UnsettledError  # noqa: E402
+from gcs_sysid.offline.aided_fit import AidedFlights, UnsettledError  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
 from gcs_sysid.offline.identify import file_prior  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
@@ -103,29 +103,28 @@ class Found(NamedTuple):
     body: dict[str, list[float]]
 
 
-def found_by(fits: Sequence[Fit], *, body: bool) -> Found:
-    """What fits of flights that follow each other found."""
-    fit = fits[-1]
-    values, count = in_common.values(fit.unknowns.means), fit.bound.shape[0]
-    keys = list(fit.keys[:count])
+def found_by(known: AidedFlights, *, body: bool) -> Found:
+    """What the filter found of all flights."""
+    derivatives, count = known.derivatives, known.fits[0].bound.shape[0]
+    keys, values, every = derivatives.keys, derivatives.value, derivatives.covariance
     if not body:
-        bound = np.linalg.inv(sum(np.linalg.inv(each.bound) for each in fits))
-        return Found(keys, values, fit.covariance, bound, fit.timing, {})
+        bound = np.linalg.inv(sum(np.linalg.inv(each.bound) for each in known.fits))
+        return Found(list(keys), values, every, bound, np.abs(derivatives.late), {})
     jacobian, scaled = np.zeros((count, values.size)), np.zeros(count)
-    for row, (name, _) in enumerate(keys):
-        part = fit.keys.index((in_common.BODY, PARTS[name]))
+    for row, (name, _) in enumerate(keys[:count]):
+        part = keys.index((in_common.BODY, PARTS[name]))
         assumed = ASSUMED[PARTS[name]]
         over = assumed * (1.0 + values[part])
         scaled[row], jacobian[row, row] = values[row] / over, 1.0 / over
         jacobian[row, part] = -values[row] * assumed / over**2
-    sizes = np.sqrt(np.diagonal(fit.covariance))
+    sizes = np.sqrt(np.diagonal(every))
     told_of = {}
     for part, assumed in ASSUMED.items():
-        place = fit.keys.index((in_common.BODY, part))
+        place = keys.index((in_common.BODY, part))
         told_of[part] = [assumed * (1.0 + values[place]), assumed * sizes[place]]
-    covariance = jacobian @ fit.covariance @ jacobian.T
-    unknown = np.full_like(fit.bound, np.nan)
-    return Found(keys, scaled, covariance, unknown, unknown[0], told_of)
+    unknown = np.full((count, count), np.nan)
+    covariance = jacobian @ every @ jacobian.T
+    return Found(list(keys[:count]), scaled, covariance, unknown, unknown[0], told_of)
 
 
 def told(kind: str, aircraft: Aircraft, seed: int) -> Told:
@@ -244,7 +243,7 @@ def scored(
     if known_by.unsettled:
         raise UnsettledError(known_by.unsettled)
     fit = known_by.fits[-1]
-    found = found_by(known_by.fits, body=known_of.body)
+    found = found_by(known_by, body=known_of.body)
     flow = [
         flow_errors(one, known(folder))
         for one, folder in zip(known_by.flights, folders, strict=True)

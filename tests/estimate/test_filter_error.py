@@ -127,9 +127,15 @@ def found(_short_chunks: None) -> Fit:
     return filter_error.fit(MODEL, flight, WRONG, beliefs, EVERY, lambda _: None)
 
 
+def deviations(fit: Fit) -> np.ndarray:
+    """Of the derivatives."""
+    places = in_common.places(fit.unknowns.means)
+    return np.sqrt(np.diagonal(fit.parameters)[places])
+
+
 def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
     assert found.converged
-    deviation = np.sqrt(np.diagonal(found.covariance))
+    deviation = deviations(found)
     moved = np.array([key not in AILERON for key in found.keys])
     for index in np.flatnonzero(moved):
         name, key = found.keys[index]
@@ -147,7 +153,7 @@ def test_derivatives_a_third_wrong_come_back_within_their_bounds(found) -> None:
 
 def test_of_ailerons_that_never_moved_the_belief_comes_back_and_is_told_to_be_one(found) -> None:
     """Value and deviation, no bound, and in words that nothing was told."""
-    deviation = np.sqrt(np.diagonal(found.covariance))
+    deviation = deviations(found)
     for name, key in AILERON:
         index = found.keys.index((name, key))
         value = float(found.unknowns.means.aerodynamics[name][key])
@@ -217,12 +223,11 @@ def measured(found: Fit) -> Samples:
 
 
 def test_two_flights_tell_the_same_in_either_order_and_more_than_one() -> None:
-    """What one told is the prior of the next: √½ of its deviations are left, or nearly.
+    """√½ of one's deviations are left, or nearly; the second begins where the first ended.
 
-    The order is not all the same. At held gains what sums of scores move by (A) is less than their
-    scatter (M), and of the first flight A M⁻¹ A is kept, while the second counts with A: CZ_alpha
-    and Cm_alpha, for which gusts take most of the response away, differ by up to a deviation, and
-    a deviation by a quarter.
+    While the posterior of one was the prior of the next, CZ_alpha and Cm_alpha came out up to a
+    deviation apart: equations that weigh a flight too little do so as a second one only. What is
+    left: a search ends within a quarter of a deviation, and either order ends two.
     """
     mean, sigma = as_terms(lambda key: key[1] == "aileron")
     before = aided_fit._believed(mean, sigma, AIRCRAFT, body=False)
@@ -244,7 +249,7 @@ def test_two_flights_tell_the_same_in_either_order_and_more_than_one() -> None:
         np.sqrt(np.diagonal(each.covariance)) for each in (one, other, both, again)
     )
     off = np.abs(both.value - again.value) / np.minimum(sure, sure_too)
-    assert off.max() < 1.0
+    assert off.max() < 0.75
     assert np.median(off[moved]) < 0.3
     together = 1.0 / np.hypot(1.0 / alone, 1.0 / alone_too)[moved]
     np.testing.assert_allclose(sure[moved] / together, 1.0, atol=0.3)
@@ -276,7 +281,7 @@ def test_a_flight_of_streams_with_a_hole_and_readings_that_are_none_tells_the_de
     assert fit.converged
     truth = {name: dict(terms) for name, terms in TERMS.items()}
     truth["Cm"]["elevator"] *= -1.0
-    deviation = np.sqrt(np.diagonal(fit.covariance))
+    deviation = deviations(fit)
     for (name, key), sure in zip(KEYS, deviation, strict=True):
         value = float(fit.unknowns.means.aerodynamics[name][key])
         assert abs(value - truth[name][key]) < 4.0 * sure, (name, key)

@@ -47,10 +47,11 @@ def alone(
         moved=np.zeros((1, flat.size)),
     )
     common = in_common.places(known.means)
-    information, told = filter_error._alone(done, mean, common)
-    assert np.count_nonzero(information[2:]) == 0
-    first = information[:2, :2]
-    return first, np.linalg.solve(first, told[:2]), done.covariance()
+    said = filter_error._said(done, mean, common)
+    assert np.count_nonzero(said.information[2:]) == 0
+    assert not said.late.any()
+    first = said.information[:2, :2]
+    return first, np.linalg.solve(first, said.told[:2]), done.covariance()
 
 
 @pytest.mark.parametrize("strength", [0.01, 1.0, 100.0])

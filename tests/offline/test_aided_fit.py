@@ -12,6 +12,7 @@ import pytest
 from gcs_sysid import aircraft_file
 from gcs_sysid.estimate import in_common, inside_filter
 from gcs_sysid.estimate.filter_error import Fit
+from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.offline import aided_fit
 from gcs_sysid.offline.flight import Flight
@@ -36,9 +37,10 @@ def test_what_was_found_of_the_body_goes_into_the_aircraft() -> None:
     file = aircraft_file.load(BRUMBY)
     before = aided_fit._believed(TERMS, {"Cm": {"elevator": 1.0}}, file, body=True)
     sure = np.array([0.1, 0.01, 0.02, 0.03, 0.01, 0.05])
-    found = before._replace(
-        value=np.array([-0.6, 0.1, 0.2, -0.1, 0.0, 0.5]), covariance=np.diag(sure**2)
-    )
+    value, known_now = np.array([-0.6, 0.1, 0.2, -0.1, 0.0, 0.5]), np.diag(1.0 / sure**2)
+    told = known_now @ value - before.precision @ before.believed
+    said = Said(known_now - before.precision, told, np.zeros_like(value))
+    found = before._replace(said=said)
     known = aided_fit._embodied(file, found)
     assert known.mass.mass == pytest.approx(1.1 * file.mass.mass)
     assert known.mass.Ixx == pytest.approx(1.2 * file.mass.Ixx)
@@ -62,7 +64,8 @@ def test_the_share_of_the_body_in_a_deviation_is_told_apart() -> None:
     believed = np.diag(1.0 / np.array([100.0, 0.02, 0.2, 0.2, 0.2, 0.15]) ** 2)
     information = np.linalg.inv(covariance) - believed
     told = information @ value
-    found = Derivatives(keys, value, covariance, believed, information, told, np.array([0.006]))
+    said = Said(information, told, np.zeros_like(value))
+    found = Derivatives(keys, np.zeros_like(value), believed, said, np.array([0.006]))
     alone = inside_filter._of_flight(found, {"Cm": ("elevator",)}, file)
     assert alone.body is not None
     assert np.sqrt(alone.noise[0]) == pytest.approx(0.006, rel=1e-6)

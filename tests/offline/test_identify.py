@@ -28,6 +28,8 @@ from tests.offline.made_aircraft import small
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 REPLAY = ROOT / "replay" / "demo"
+UNKNOWN = aided_fit._believed({}, {}, small(), body=False)
+"""Derivatives of which nothing is known, for want of any."""
 
 
 def flown() -> dict[str, dict[str, float]]:
@@ -439,7 +441,7 @@ def test_a_fit_that_does_not_end_with_what_was_asked_for_leaves_the_one_before(
 ) -> None:
     term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
     model = made_models.model()
-    first = AidedFlights([], model, model, small(), (), (term,), "", ())
+    first = AidedFlights([], model, model, small(), UNKNOWN, (), (term,), "", ())
     unended = replace(first, unsettled="flight.tlog: no end", lacking=())
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
@@ -464,7 +466,7 @@ def test_a_search_that_did_not_end_is_no_number_but_says_what_it_asks_for(
     """And where terms are chosen by the data, those that it asks for may end it."""
     term = Lacking("CZ", "alpha^3", 300.0, 3.0, 0.1, 0.2)
     model = made_models.model()
-    ended = AidedFlights([], model, model, small(), (), (), "", ())
+    ended = AidedFlights([], model, model, small(), UNKNOWN, (), (), "", ())
     unended = replace(ended, lacking=(term,), unsettled="flight.tlog: no end")
 
     def fit(_: Any, __: Any, structure: Any, *___: Any, **____: Any) -> AidedFlights:
