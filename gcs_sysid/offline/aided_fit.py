@@ -1,8 +1,9 @@
 """Filter error on whole flights: models, and the flights with the states that the filter knows.
 
 Flights follow each other: each is fitted where those before it have led, while sensors and gusts
-are each flight's own, and what all of them say is added to what was believed. The model that is scored is found first, and learns nothing
-from held-out maneuvers; the model that is kept starts from it and takes in all.
+are each flight's own, and what all of them say is added to what was believed. The model that is
+scored is found first, and learns nothing from held-out maneuvers; the model that is kept starts
+from it and takes in all.
 """
 
 from __future__ import annotations
