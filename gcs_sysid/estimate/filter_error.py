@@ -251,9 +251,14 @@ def _said(
     late[known] = bare.timing(found)[: known.size]
     sought = means[common]
     rows = np.searchsorted(known, common[sought])
-    information = np.zeros((common.size, common.size))
-    information[np.ix_(sought, sought)] = scoring.inverse(bare.as_ended(found)[np.ix_(rows, rows)])
-    return Said(information, information @ values[common], information @ late[common])
+    chosen = np.ix_(sought, sought)
+    # Of what was told and believed the belief, which is little, is taken off.
+    both, little = np.zeros((2, common.size, common.size))
+    both[chosen] = scoring.inverse(bare.as_ended(found)[np.ix_(rows, rows)])
+    little[chosen] = bare.precision[np.ix_(rows, rows)]
+    return Said(
+        both - little, both @ values[common] - little @ believed[common], both @ late[common]
+    )
 
 
 def _bound(done: Scored, count: int) -> Float[np.ndarray, "term term"]:

@@ -74,7 +74,7 @@ TIMING = 1e-3
 not by the answer to the controls, and there whatever is late by a few milliseconds looks like it: a
 gyro's own filter, the steps of a simulation. On a flight whose simulator seems to step by 10 ms it
 comes out at 3.5 ms where 5 ms make all roll derivatives right, and they are 3 % too large."""
-WIDER = 100.0
+WIDER = 1e3
 """A belief so many times as wide is none."""
 PASSES = 2
 """Of the filter, after which its path has followed the parameters."""

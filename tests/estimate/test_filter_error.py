@@ -291,9 +291,10 @@ def test_a_flight_of_streams_with_a_hole_and_readings_that_are_none_tells_the_de
 def test_an_aircraft_that_never_flew_so_is_no_settled_number(monkeypatch) -> None:
     """Its equations are unstable ten times over, and held: no derivative can make up for that.
 
-    Begun on one stretch: a second would lead no further, and takes as long.
+    Begun on one stretch, by one set of steps: more lead no further, and take as long each.
     """
     monkeypatch.setattr(settling, "BEGINNINGS", 1)
+    monkeypatch.setattr(scoring, "SETS", 1)
     terms = {name: dict(each) for name, each in FIRST.means.aerodynamics.items()}
     terms["Cm"]["alpha"] = -10.0 * terms["Cm"]["alpha"]
     first = FIRST._replace(means=FIRST.means._replace(aerodynamics=terms))

@@ -59,8 +59,8 @@ def test_what_a_flight_says_does_not_hang_on_what_was_believed(strength: float) 
     """An ordinary likelihood: the posterior is the product of the prior and what is told here."""
     precision = strength * np.array([[50.0, -10.0], [-10.0, 30.0]])
     seen, says, covariance = alone(SEEN, SEEN, precision)
-    np.testing.assert_allclose(seen, SEEN, rtol=1e-3, atol=2e-4 * strength * 50.0)
-    np.testing.assert_allclose(says, SAYS, atol=1e-4 + 2e-4 * strength)
+    np.testing.assert_allclose(seen, SEEN, rtol=1e-6, atol=1e-8 * strength * 50.0)
+    np.testing.assert_allclose(says, SAYS, atol=1e-6)
     np.testing.assert_allclose(np.linalg.inv(covariance), SEEN + precision, rtol=1e-9)
 
 

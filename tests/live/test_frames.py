@@ -129,7 +129,7 @@ def anything(chance: Random, boot_ms: int) -> bytes:
 
 
 # Four flights: a smaller one would say no more, and take minutes to be found.
-@settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@settings(max_examples=2, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(st.integers(0, 2**32), st.sampled_from([0.02, 0.3]))
 def test_whatever_frames_hold_a_document_is_made(
     played: Frames, aircraft: Aircraft, compiled: Compiled, seed: int, share: float
