@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import metadata
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,20 +21,10 @@ from gcs_sysid.model.kinematics import BLOCKS
 SCHEMA = 1
 
 
-def document(
-    station: Station,
-    *,
-    link: str,
-    phase: str,
-    recorded: int,
-    lost: Mapping[str, int],
-    now_us: int | None = None,
-    health: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """State, coefficients and derivatives with sd, latencies and counts.
+class Outside(NamedTuple):
+    """What a station does not know of itself: link and recording.
 
-    Args:
-        station: what is known.
+    Attributes:
         link: address that is listened to.
         phase: what is going on, in words.
         recorded: frames written to the recording.
@@ -41,6 +32,17 @@ def document(
         now_us: the ground station's clock, from which ages count; None leaves them out.
         health: of the link: whether it is up, rates and ages of its messages, what was asked for.
     """
+
+    link: str
+    phase: str
+    recorded: int = 0
+    lost: Mapping[str, int] = MappingProxyType({})
+    now_us: int | None = None
+    health: Mapping[str, Any] = MappingProxyType({})
+
+
+def document(station: Station, around: Outside) -> dict[str, Any]:
+    """State, coefficients and derivatives with sd, latencies and counts."""
     newest, epoch = station.newest, station.rows.epoch_us
     solved = station.model.solutions()
     known = {name: one.terms() for name, one in solved.items()}
@@ -48,15 +50,7 @@ def document(
     taught = {name: one.terms() for name, one in alone.items()}
     learned = processes.document(station.processes, here(station))
     departs = station.departures.told()
-    outside = bare(
-        station,
-        link=link,
-        phase=phase,
-        recorded=recorded,
-        lost=lost,
-        now_us=now_us,
-        health=health,
-    )
+    outside, now_us = bare(station, around), around.now_us
     return {
         **outside,
         "time_us": None
@@ -95,31 +89,22 @@ def document(
     }
 
 
-def bare(
-    station: Station,
-    *,
-    link: str,
-    phase: str,
-    recorded: int,
-    lost: Mapping[str, int],
-    now_us: int | None = None,
-    health: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+def bare(station: Station, around: Outside) -> dict[str, Any]:
     """The same without anything that has to be computed; see `document`."""
     vehicle = station.decoder.vehicle
     return {
         "schema": SCHEMA,
         "program": f"gcs-sysid {metadata.version('gcs-sysid')}",
         "command": "listen",
-        "link": link,
+        "link": around.link,
         "aircraft": station.aircraft.name,
         "vehicle": None if vehicle is None else vehicle.system,
         "other_vehicles": sorted(station.decoder.others),
-        "phase": phase,
+        "phase": around.phase,
         "time_us": None,
-        "written_us": now_us,
+        "written_us": around.now_us,
         "state_age_s": None,
-        "health": dict(health or {}),
+        "health": dict(around.health),
         **{name: {} for name in ("state", "coefficients", "derivatives", "departures")},
         "causes": [],
         "alarms": [
@@ -141,7 +126,7 @@ def bare(
         },
         "counts": {
             "received": station.decoder.received,
-            "recorded": recorded,
+            "recorded": around.recorded,
             "updates": station.updates,
             "decimated": station.rows.decimated + station.skipped,
             "late": station.rows.late,
@@ -149,7 +134,7 @@ def bare(
             "reboots": station.decoder.clock.reboots,
             "restarts": station.filter.restarts,
             "failures": station.failures.count,
-            "lost": dict(lost),
+            "lost": dict(around.lost),
         },
     }
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gcs_sysid.live import document
+from gcs_sysid.live.document import Outside
 from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Station
 from gcs_sysid.sources.link import Mailbox, now_us
@@ -173,26 +174,27 @@ class Session:
         Args:
             phase: what is going on; None says what it is.
         """
-        told = phase or self._phase()
+        around = self._outside(phase or self._phase())
         try:
-            return document.document(self._station, phase=told, **self._outside())
+            return document.document(self._station, around)
         except Exception as error:  # noqa: BLE001 - the recording goes on, and says what is wrong
             self._station.failures.note("the live document", error)
-            return document.bare(self._station, phase=told, **self._outside())
+            return document.bare(self._station, around)
 
-    def _outside(self) -> dict[str, Any]:
+    def _outside(self, phase: str) -> Outside:
         """What the document says of link and recording."""
         now = self._clock.seconds()
         line = self._line()
         lost = {"mailbox_full": self._mailbox.dropped}
         for stream in self._frames.values():
             lost = {**lost, **{k: lost.get(k, 0) + n for k, n in stream.lost.items()}}
-        return {
-            "link": self._link,
-            "now_us": self._clock.us(),
-            "recorded": self._recorder.frames,
-            "lost": {**lost, **{k: n for k, n in self._station.decoder.can.lost.items() if n}},
-            "health": {
+        return Outside(
+            link=self._link,
+            phase=phase,
+            now_us=self._clock.us(),
+            recorded=self._recorder.frames,
+            lost={**lost, **{k: n for k, n in self._station.decoder.can.lost.items() if n}},
+            health={
                 "up": not line.broken,
                 "why": line.broken,
                 "losses": line.losses,
@@ -206,4 +208,4 @@ class Session:
                 },
                 "requests": {} if self._asking is None else self._asking.requests.told(now),
             },
-        }
+        )

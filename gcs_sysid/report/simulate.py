@@ -154,31 +154,28 @@ def _free_run_words(free_run: Mapping) -> str:
 
 
 def _free_run(summary: Mapping) -> Table:
-    return Table(
-        ("channel", "bias", "rms", "Theil", "of it mean", "size", "course"),
-        tuple(
-            (
-                name,
-                *(_shown(item[key], item["unit"]) for key in ("bias", "rms")),
-                number(item["theil"], 2),
-                *_parts(item["theil_parts"]),
-            )
-            for name, item in summary["free_run"]["channels"].items()
-        ),
-    )
+    return _agreements("channel", summary["free_run"]["channels"])
 
 
 def _coefficients(summary: Mapping) -> Table:
+    return _agreements("coefficient", summary["coefficients"])
+
+
+def _agreements(what: str, items: Mapping[str, Mapping]) -> Table:
+    """How what was simulated agrees with what was measured; a coefficient has no unit."""
     return Table(
-        ("coefficient", "bias", "rms", "Theil", "of it mean", "size", "course"),
+        (what, "bias", "rms", "Theil", "of it mean", "size", "course"),
         tuple(
             (
                 name,
-                *(number(item[key]) for key in ("bias", "rms")),
+                *(
+                    _shown(item[key], item["unit"]) if "unit" in item else number(item[key])
+                    for key in ("bias", "rms")
+                ),
                 number(item["theil"], 2),
                 *_parts(item["theil_parts"]),
             )
-            for name, item in summary["coefficients"].items()
+            for name, item in items.items()
         ),
     )
 

@@ -109,9 +109,8 @@ class Soak:
                         return
 
     def _publish(self, frames: int) -> None:
-        told = document.document(
-            self._station, link="", phase="", recorded=frames, lost={}, now_us=self._now[0]
-        )
+        around = document.Outside(link="", phase="", recorded=frames, now_us=self._now[0])
+        told = document.document(self._station, around)
         documents.write_json(self._out / "live.json", told)
 
     def _note(self, log: TextIO, effort: list[float], used: float, lost: int) -> None:

@@ -5,13 +5,18 @@ Such a flight proves the algebra of an estimator and nothing about aircraft.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jaxtyping import Float
 
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Control, Geometry, Mass, Servo, Value
+from gcs_sysid.estimate import intensities, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.model import aided, aided_linear, rigid_body
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
@@ -44,6 +49,16 @@ MODEL = FlightModel(AIRCRAFT)
 STEP, COUNT = 0.02, 400
 HOLE = slice(150, 165)
 """Rows without the inertial unit, 0.3 s, where sensors tell at rates of their own."""
+
+
+@contextmanager
+def halved() -> Iterator[None]:
+    """The flight in two chunks, searches that begin on half of it: alike, so compiled once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(aided_smoother, "CHUNK", COUNT // 2)
+        patch.setattr(intensities, "SAMPLE_ROWS", COUNT // 2)
+        patch.setattr(settling, "STRETCH", COUNT // 2)
+        yield
 
 
 def unknowns(scale: float, airspeed_lag: float = 0.0) -> Unknowns:

@@ -116,6 +116,6 @@ def listened(
                 turns += 1
                 assert turns < PATIENCE, f"frame {count} never arrived"
     documents.append(
-        document.document(station, link="test", phase="ended", recorded=len(played), lost={})
+        document.document(station, document.Outside("test", "ended", recorded=len(played)))
     )
     return Listened(log, recorder.path, station, estimates, windows, documents)

@@ -48,7 +48,7 @@ def flown(
         given = fault(sample) if sample.time_us * 1e-6 >= BEGINS_S else sample
         station.take([] if given is None else [given])
         station.work(2**62)
-    told = document.document(station, link="", phase="", recorded=0, lost={}, now_us=now[0])
+    told = document.document(station, document.Outside(link="", phase="", now_us=now[0]))
     return station, told
 
 
@@ -233,7 +233,7 @@ def test_servo_outputs_that_vanish_are_told_and_teach_nothing(
         if sample.time_us in (8_980_000, 12_980_000):
             station.decoder.vehicle = Vehicle(1, 1, NO_AUTOPILOT, "MAV_TYPE_FIXED_WING", 1)
             live = document.document(
-                station, link="", phase="", recorded=0, lost={}, now_us=sample.link_us
+                station, document.Outside(link="", phase="", now_us=sample.link_us)
             )
             age = live["coefficients"]["CZ"]["age_s"]
             told[sample.time_us] = (live["alarms"], station.phase(), age)

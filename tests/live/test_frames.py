@@ -65,9 +65,8 @@ class Ground:
             self.station.work(2**62)
 
     def told(self) -> dict:
-        return document.document(
-            self.station, link="", phase=self.station.phase(), recorded=0, lost={}, now_us=self.now
-        )
+        around = document.Outside(link="", phase=self.station.phase(), now_us=self.now)
+        return document.document(self.station, around)
 
 
 def test_an_autopilot_that_restarts_is_followed(

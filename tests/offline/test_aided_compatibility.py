@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid.estimate import filter_error, intensities, scoring, settling
+from gcs_sysid.estimate import filter_error, scoring, settling
 from gcs_sysid.estimate import flight_rows as rows
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.intensities import Prior
@@ -22,7 +22,7 @@ from gcs_sysid.model import aided
 from gcs_sysid.model.kinematics import Measurements
 from gcs_sysid.offline import aided_compatibility, aided_summary, summary
 from gcs_sysid.offline.flight import Flight
-from gcs_sysid.reconstruct import aided_smoother, causal
+from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.compatibility import CONSISTENT, Compatibility
 from gcs_sysid.report import tables
 from tests.estimate import made_flight as made
@@ -38,11 +38,7 @@ COMES_AND_GOES = np.sign(np.sin(2.0 * np.pi * TIME / 3.0))
 
 @pytest.fixture(scope="module", autouse=True)
 def _short_chunks() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        # Those of `test_filter_error`, so that they are compiled once.
-        patch.setattr(aided_smoother, "CHUNK", made.COUNT // 2)
-        patch.setattr(intensities, "SAMPLE_ROWS", made.COUNT // 2)
-        patch.setattr(settling, "STRETCH", made.COUNT // 2)
+    with made.halved():
         yield
 
 
