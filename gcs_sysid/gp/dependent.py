@@ -8,22 +8,29 @@ w_q; output i smooths it with a Gaussian kernel of width ℓ_qi = L_qi/√2 in e
 so that the covariances are convolutions in closed form. With P = (L_qi² + L_qj²)/2 elementwise,
 
     cov[f_i(x), f_j(x')] = Σ_q a_qi a_qj Π_k √(L_qik L_qjk / P_k) exp(−½ Σ_k (x−x')_k² / P_k)
-                         + δ_ij b_i² exp(−½ Σ_k (x−x')_k² / M_ik²).
+                         + δ_ij b_i² M(x−x').
 
 The amplitudes a may be negative: coefficients that fall where another rises. Kernels are scaled so
 that a² and b² are variances. Unequal length-scales bound the correlation of two outputs by the
-product under the root, which falls quickly with the number of inputs; `tied` ones do not.
+product under the root, which falls quickly with the number of inputs; `tied` ones do not. With
+tied ones, as for an output's own process, any correlation is such a convolution, and it need not
+be the Gaussian, whose functions have all derivatives: at the break of a stall they are too sure of
+themselves. There it is Matérn's, of functions with two derivatives, with r² = Σ_k (x−x')_k²/L_k²
+
+    M = (1 + √5 r + 5r²/3) exp(−√5 r).
 
 References:
     P. Boyle, M. Frean, "Dependent Gaussian processes", NIPS 17, 2005; M. A. Álvarez, N. D.
     Lawrence, "Computationally efficient convolved multiple output Gaussian processes", JMLR 12,
-    2011.
+    2011; C. E. Rasmussen, C. K. I. Williams, "Gaussian processes for machine learning", 2006,
+    equation 4.17 (ν = 5/2).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int
 
@@ -145,7 +152,7 @@ def _own(
         + jnp.sum(right**2 * precision, axis=1)[None, :]
     )
     size = kernel.own_amplitude[points.output] ** 2
-    return size[None, :] * jnp.exp(-0.5 * square)
+    return size[None, :] * _matern(square)
 
 
 def _alike(
@@ -160,7 +167,42 @@ def _alike(
         + jnp.sum(there**2, axis=1)[None, :]
         - 2.0 * here @ there.T
     )
-    return jnp.exp(-0.5 * square)
+    return _matern(square)
+
+
+@jax.custom_jvp
+def _matern(square: Float[Array, "*point"]) -> Float[Array, "*point"]:
+    """Matérn's correlation of order 5/2 by the squared distance, which rounding may leave below 0.
+
+    Its derivatives by the square are written out: they have limits at 0, where that of the root
+    has none.
+    """
+    root = _root(square)
+    return (1.0 + root + root**2 / 3.0) * jnp.exp(-root)
+
+
+@_matern.defjvp
+def _matern_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (square,), (change,) = primals, tangents
+    return _matern(square), _falling(square) * change
+
+
+@jax.custom_jvp
+def _falling(square: Float[Array, "*point"]) -> Float[Array, "*point"]:
+    """Derivative of `_matern`."""
+    root = _root(square)
+    return -5.0 / 6.0 * (1.0 + root) * jnp.exp(-root)
+
+
+@_falling.defjvp
+def _falling_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (square,), (change,) = primals, tangents
+    return _falling(square), 25.0 / 12.0 * jnp.exp(-_root(square)) * change
+
+
+def _root(square: Float[Array, "*point"]) -> Float[Array, "*point"]:
+    """√5 times the distance."""
+    return jnp.sqrt(5.0 * jnp.maximum(square, 0.0))
 
 
 def _smoothed(

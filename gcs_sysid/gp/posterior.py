@@ -20,6 +20,9 @@ from gcs_sysid.frames import Array
 from gcs_sysid.gp import dependent
 from gcs_sysid.gp.dependent import Kernel, Points
 
+MATERN = 5.0 / 3.0
+"""Minus the second derivative of Matérn's correlation at 0, of unit length-scale."""
+
 AT_ONCE = 64
 """Samples whose slopes are worked out together: memory stays small however many are asked for."""
 
@@ -125,6 +128,10 @@ def mean_slopes(
 
 
 def slope_variance(kernel: Kernel) -> Float[Array, "output input"]:
-    """Prior variance of each derivative: ∂²k/∂x∂x' where x = x'."""
+    """Prior variance of each derivative: ∂²k/∂x∂x' where x = x'.
+
+    1/L² of a Gaussian correlation, 5/3 of that of Matérn's (see `dependent`).
+    """
     shared = jnp.sum(kernel.amplitude[:, :, None] ** 2 / kernel.scale**2, axis=0)
-    return shared + kernel.own_amplitude[:, None] ** 2 / kernel.own_scale**2
+    own = kernel.own_amplitude[:, None] ** 2 / kernel.own_scale**2
+    return (MATERN if kernel.tied else 1.0) * shared + MATERN * own

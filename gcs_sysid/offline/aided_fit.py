@@ -230,7 +230,14 @@ def _lacking(
     return tuple(lacking.strongest(told, aircraft, structure, keys, flow, measured))
 
 
-def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
+class Seen(NamedTuple):
+    """A flight with the states that a filter knows, and that filter's log-likelihood [nat]."""
+
+    flight: Flight
+    log_likelihood: float
+
+
+def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Seen:
     """A flight that a model has not seen, with the states that the filter knows by that model.
 
     The model learns nothing: it is held, with the global part of the processes beside it, and only
@@ -260,11 +267,13 @@ def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Flight:
     done = settling.settle(
         flown, rows, item.first, before, counts, lambda text: progress(f"smoothing: {text}", 0.9)
     )
-    if not np.isfinite(done.last.log_likelihood.sum()):
+    likelihood = float(done.last.log_likelihood.sum())
+    if not np.isfinite(likelihood):
         raise UnsettledError(_lost(one))
     late = _deviation(done, before, item.first.means).sensors.surface_delay
     item = item._replace(one=replace(one, delay=replace(one.delay, deviation=float(late))))
-    return _smoothed(flown, item, settling.at(done, item.first.means), one.aircraft)
+    smoothed = _smoothed(flown, item, settling.at(done, item.first.means), one.aircraft)
+    return Seen(smoothed, likelihood)
 
 
 def _deviation(done: settling.Settled, before: Beliefs, like: Means) -> Means:

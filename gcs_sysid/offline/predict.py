@@ -117,7 +117,7 @@ def _with_states(
     if lacking := [name for name in COEFFICIENTS if name not in known]:
         return one, f"{', '.join(lacking)} refused"
     try:
-        return aided_fit.seen_by(one, stored.model, progress), None
+        return aided_fit.seen_by(one, stored.model, progress).flight, None
     except UnsettledError as error:
         return one, str(error)
 

@@ -37,14 +37,17 @@ HIDDEN = ((0.12, 0.6), (0.10, 0.5), (0.14, 0.7), (0.09, 0.3))
 GUST = 0.8
 
 
-def flown(folder: Path, number: int) -> Path:
+def flown(folder: Path, number: int, *, vanes: bool = False) -> Path:
     """Flies both flights of the scenario, unless they were flown before; returns the aircraft."""
     aircraft = folder / "aircraft.toml"
     if (folder / "flights" / "second.tlog").exists():
         return aircraft
     (folder / "flights").mkdir(parents=True, exist_ok=True)
-    head, rest = BELIEVED.read_text().split("[vanes]", 1)
-    aircraft.write_text(head + rest[rest.index("[[servos]]") :])
+    described = BELIEVED.read_text()
+    if not vanes:
+        head, rest = described.split("[vanes]", 1)
+        described = head + rest[rest.index("[[servos]]") :]
+    aircraft.write_text(described)
     text = SCENARIO.read_text()
     knot, lost = HIDDEN[number]
     for old, new in (

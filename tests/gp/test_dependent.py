@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import special
 
-from gcs_sysid.gp import dependent
+from gcs_sysid.gp import dependent, posterior
 from gcs_sysid.gp.dependent import Kernel, Points
 
 
@@ -29,39 +33,73 @@ def points(seed: int, count: int, *, outputs: int, inputs: int) -> Points:
     )
 
 
-def smoothing(scale: float, amplitude: float, apart: np.ndarray) -> np.ndarray:
-    """The Gaussian smoothing kernel whose convolution with itself has variance amplitude²."""
+GRID = np.linspace(-40.0, 40.0, 80001)
+Smoothing = Callable[[float, np.ndarray], np.ndarray]
+
+
+def gaussian(scale: float, apart: np.ndarray) -> np.ndarray:
+    """The smoothing kernel of unit square integral whose correlation is Gaussian."""
     width = scale / np.sqrt(2.0)
-    return amplitude * (np.pi * width**2) ** -0.25 * np.exp(-0.5 * (apart / width) ** 2)
+    return (np.pi * width**2) ** -0.25 * np.exp(-0.5 * (apart / width) ** 2)
 
 
-@pytest.mark.parametrize("tied", [True, False])
-def test_covariance_is_the_integral_of_the_smoothing_kernels(tied):
-    """Two outputs, one shared latent, one input: trapezoids over ±12 are exact to rounding."""
+def bessel(scale: float, apart: np.ndarray) -> np.ndarray:
+    """That whose correlation is Matérn's of order 5/2.
+
+    The root of its spectrum, (5/L² + ω²)^(−3/2), transforms to |t| K₁(√5 |t|/L).
+    """
+
+    def shape(apart: np.ndarray) -> np.ndarray:
+        where = np.maximum(np.sqrt(5.0) * np.abs(apart) / scale, 1e-12)
+        return where * special.k1(where)
+
+    return shape(apart) / np.sqrt(np.trapezoid(shape(GRID) ** 2, GRID))
+
+
+@pytest.mark.parametrize(("tied", "shared"), [(True, bessel), (False, gaussian)])
+def test_covariance_is_the_integral_of_the_smoothing_kernels(tied: bool, shared: Smoothing):
+    """Two outputs, one shared latent, one input."""
     kernel = made(1, latents=1, outputs=2, inputs=1, tied=tied)
-    grid = np.linspace(-12.0, 12.0, 20001)
+
+    def integral(smoothing: Smoothing, x: float, other: float, scales: Sequence[float]) -> float:
+        left, right = smoothing(scales[0], x - GRID), smoothing(scales[1], other - GRID)
+        return float(np.trapezoid(left * right, GRID))
+
     for x, other in ((0.0, 0.0), (0.7, -0.4), (-1.1, 1.3)):
         for i in range(2):
             for j in range(2):
                 scales = [float(kernel.scale[0, 0 if tied else one, 0]) for one in (i, j)]
                 sizes = [float(kernel.amplitude[0, one]) for one in (i, j)]
-                wanted = np.trapezoid(
-                    smoothing(scales[0], sizes[0], x - grid)
-                    * smoothing(scales[1], sizes[1], other - grid),
-                    grid,
-                )
+                wanted = sizes[0] * sizes[1] * integral(shared, x, other, scales)
                 if i == j:
-                    own = smoothing(
-                        float(kernel.own_scale[i, 0]), float(kernel.own_amplitude[i]), x - grid
-                    )
-                    own = own * smoothing(
-                        float(kernel.own_scale[i, 0]), float(kernel.own_amplitude[i]), other - grid
-                    )
-                    wanted += np.trapezoid(own, grid)
+                    own = [float(kernel.own_scale[i, 0])] * 2
+                    size = float(kernel.own_amplitude[i]) ** 2
+                    wanted += size * integral(bessel, x, other, own)
                 left = Points(jnp.array([[x]]), jnp.array([i]))
                 right = Points(jnp.array([[other]]), jnp.array([j]))
                 found = float(dependent.covariance(kernel, left, right)[0, 0])
-                np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
+                np.testing.assert_allclose(found, wanted, rtol=1e-7)
+
+
+def test_matern_has_the_slopes_of_its_closed_form_even_where_points_meet():
+    """First and second derivative by one coordinate: −5/3 x (1 + √5 r) e^{−√5 r} and on."""
+    kernel = made(7, latents=0, outputs=1, inputs=1, tied=True)
+    size, scale = float(kernel.own_amplitude[0]) ** 2, float(kernel.own_scale[0, 0])
+    zero = jnp.zeros(1, dtype=int)
+
+    def between(x: jnp.ndarray, other: jnp.ndarray) -> jnp.ndarray:
+        left, right = Points(x[None, None], zero), Points(other[None, None], zero)
+        return dependent.covariance(kernel, left, right)[0, 0]
+
+    for apart in (0.0, 1e-9, 0.3, -2.0):
+        x, r = jnp.asarray(apart), np.sqrt(5.0) * abs(apart) / scale
+        first = float(jax.grad(between)(x, jnp.asarray(0.0)))
+        second = float(jax.grad(jax.grad(between), argnums=1)(x, jnp.asarray(0.0)))
+        fall = size * 5.0 / 3.0 / scale**2 * np.exp(-r)
+        np.testing.assert_allclose(first, -fall * apart * (1.0 + r), rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(second, fall * (1.0 + r - r**2), rtol=1e-6)
+        if apart == 0.0:
+            np.testing.assert_allclose(second, posterior.slope_variance(kernel)[0, 0])
 
 
 @pytest.mark.parametrize("tied", [True, False])

@@ -112,7 +112,9 @@ def test_one_output_is_the_gaussian_process_of_scikit_learn():
         own_scale=jnp.array([[0.7, 1.1, 2.0]]),
     )
     other = gaussian_process.GaussianProcessRegressor(
-        kernels.ConstantKernel(1.3**2) * kernels.RBF([0.7, 1.1, 2.0]), alpha=0.04, optimizer=None
+        kernels.ConstantKernel(1.3**2) * kernels.Matern([0.7, 1.1, 2.0], nu=2.5),
+        alpha=0.04,
+        optimizer=None,
     ).fit(inputs, values)
     some = dependent.Points(jnp.asarray(inputs), jnp.zeros(30, dtype=int))
     noise = jnp.full(30, 0.04)
@@ -141,8 +143,9 @@ def test_greatest_likelihood_finds_what_the_data_were_drawn_from():
     """Two outputs that are one process, one of them inverted, and nearly noiseless."""
     random = np.random.default_rng(17)
     inputs = np.sort(random.uniform(-3.0, 3.0, 40))[:, None]
-    apart = inputs - inputs.T
-    shared = random.multivariate_normal(np.zeros(40), np.exp(-0.5 * apart**2) + 1e-9 * np.eye(40))
+    r = np.sqrt(5.0) * np.abs(inputs - inputs.T)
+    matern = (1.0 + r + r**2 / 3.0) * np.exp(-r)
+    shared = random.multivariate_normal(np.zeros(40), matern + 1e-9 * np.eye(40))
     values = np.stack([shared, -0.8 * shared], axis=1) + 0.1 * random.normal(size=(40, 2))
     rows = Rows(jnp.asarray(inputs), jnp.asarray(values), jnp.full((40, 2), 1e4))
     found = learning.fit_exact(rows, learning.Structure(1), starts=2, seed=1)

@@ -18,13 +18,13 @@ from gcs_sysid.gp.refresh import Refresher, Settings
 from gcs_sysid.gp.samples import Rows, some_of
 
 OUTPUTS, INPUTS, POINTS = 2, 2, 40
-ENOUGH = 80
+ENOUGH = 160
 """Points that hold what samples said well enough for a refresh to lose next to nothing."""
 KERNEL = Kernel(
     amplitude=jnp.array([[0.8, -0.6]]),
-    scale=jnp.full((1, 1, INPUTS), 1.2),
-    own_amplitude=jnp.array([0.3, 0.3]),
-    own_scale=jnp.full((OUTPUTS, INPUTS), 1.5),
+    scale=jnp.full((1, 1, INPUTS), 2.0),
+    own_amplitude=jnp.array([0.2, 0.2]),
+    own_scale=jnp.full((OUTPUTS, INPUTS), 4.0),
 )
 NOISE = jnp.array([0.01, 0.04])
 
@@ -150,14 +150,14 @@ SETTINGS = Settings(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("capacity", [2000, 200])
-def test_a_refresh_loses_at_most_two_hundredths_of_a_nat(capacity):
-    """Against the batch of all samples on the refreshed basis; with a store of all, and a tenth."""
-    base, rows = make_base(count=ENOUGH), flown(11, 2000)
+@pytest.mark.parametrize(("capacity", "seed"), [(2000, 11), (600, 11), (600, 19), (600, 30)])
+def test_a_refresh_loses_at_most_two_hundredths_of_a_nat(capacity, seed):
+    """Against the batch of all samples on the refreshed basis; a store of all, and of 30 %."""
+    base, rows = make_base(count=ENOUGH), flown(seed, 2000)
     known = learner.observe(learner.start(base, capacity=capacity), rows, 0)
     fresh = refresh.refreshed(known, SETTINGS)
     batch = learner.observe(learner.start(fresh.base, capacity=1), rows, 0)
-    unseen = flown(12, 500)
+    unseen = flown(seed + 1, 500)
     unseen = unseen._replace(values=truth(unseen.inputs))
     noise = np.asarray(NOISE)
     lost = nlpd(learner.posterior(fresh), unseen, noise) - nlpd(
@@ -243,14 +243,15 @@ def test_the_local_part_follows_what_is_forgotten_and_refreshed(base):
         learner.local_part(learner.forget(forgotten, 1), SHAPE)
 
 
-def test_a_flight_is_forgotten_after_a_refresh_of_both():
-    """With a tenth of both in the store: against the other flight alone on the refreshed basis."""
-    base, first, second = make_base(count=ENOUGH), flown(19, 1000), flown(20, 1000)
-    known = learner.observe(learner.start(base, capacity=200), first, 1)
+@pytest.mark.parametrize("seed", [19, 29, 39])
+def test_a_flight_is_forgotten_after_a_refresh_of_both(seed):
+    """With half of both in the store: against the other flight alone on the refreshed basis."""
+    base, first, second = make_base(count=ENOUGH), flown(seed, 1000), flown(seed + 1, 1000)
+    known = learner.observe(learner.start(base, capacity=1000), first, 1)
     fresh = refresh.refreshed(learner.observe(known, second, 2), SETTINGS)
     left = learner.forget(fresh, 2)
     alone = learner.observe(learner.start(fresh.base, capacity=1), first, 1)
-    unseen = flown(21, 500)
+    unseen = flown(seed + 2, 500)
     unseen = unseen._replace(values=truth(unseen.inputs))
     noise = np.asarray(NOISE)
     lost = nlpd(learner.posterior(left), unseen, noise) - nlpd(
