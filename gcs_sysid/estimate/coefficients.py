@@ -15,7 +15,7 @@ at every sample, and scale errors of mass, inertia and thrust, the same for the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -58,6 +58,9 @@ class Samples:
         thrust_part: what a relative error of one in thrust adds.
         smoothing: ratio of the smoother that the moments went through, see `rates`.
         refused: coefficients that this flight cannot give, with the reason.
+        regressor_lasting: variance of the part of the flow angles' errors that lasts all flight
+            and is not in `regressor_variance`: what the model is unsure of, where states come
+            from a filter that holds one.
     """
 
     time: Float[np.ndarray, " sample"]
@@ -70,6 +73,7 @@ class Samples:
     thrust_part: Mapping[str, Float[np.ndarray, " sample"]]
     smoothing: float
     refused: Mapping[str, str]
+    regressor_lasting: Mapping[str, Float[np.ndarray, " sample"]] = field(default_factory=dict)
 
 
 def measure(

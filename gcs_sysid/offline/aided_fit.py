@@ -178,12 +178,17 @@ def identify(
     kept = [one.pieces() for one in seen]
     learned = [np.where(np.isin(piece, list(held_out)), -1, piece) for piece in kept]
     fits = tuple(final_fits)
+    scored_model = inside_filter.model(scored, samples, aircraft, structure, learned)
     return AidedFlights(
         flights=[
-            replace(one, compatibility=aided_compatibility.check(fit, one))
+            replace(
+                one,
+                samples=aided_states.unsure_of(one.samples, scored_model),
+                compatibility=aided_compatibility.check(fit, one),
+            )
             for one, fit in zip(seen, fits, strict=True)
         ],
-        scored=inside_filter.model(scored, samples, aircraft, structure, learned),
+        scored=scored_model,
         final=inside_filter.model(found, samples, aircraft, structure, kept),
         aircraft=_embodied(aircraft, found),
         derivatives=found,
@@ -273,7 +278,8 @@ def seen_by(one: Flight, model: AeroModel, progress: Progress) -> Seen:
     late = _deviation(done, before, item.first.means).sensors.surface_delay
     item = item._replace(one=replace(one, delay=replace(one.delay, deviation=float(late))))
     smoothed = _smoothed(flown, item, settling.at(done, item.first.means), one.aircraft)
-    return Seen(smoothed, likelihood)
+    samples = aided_states.unsure_of(smoothed.samples, model)
+    return Seen(replace(smoothed, samples=samples), likelihood)
 
 
 def _deviation(done: settling.Settled, before: Beliefs, like: Means) -> Means:

@@ -13,6 +13,7 @@ from gcs_sysid import frames
 from gcs_sysid.estimate import coefficients
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.flight_rows import Unknowns
+from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.surface_delay import Delay
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
@@ -69,6 +70,38 @@ def refined(
         delay=delay,
         samples=_measured(one, delay, known, flow, spread),
     )
+
+
+TELLS = {"alpha": "CZ", "beta": "CY"}
+"""Which force tells the filter a flow angle."""
+
+
+def unsure_of(samples: Samples, model: AeroModel) -> Samples:
+    """The samples with what the model's own uncertainty does to their flow angles.
+
+    Without vanes the filter knows the angle of attack by the lift that it makes. The accelerometer
+    measures the force to a part in a thousand, so that an error δC(x) of the modelled force, slow
+    beside the filter, is an error of the angle that makes up for it,
+
+        δα = −δCZ / (∂CZ/∂α),    δβ = −δCY / (∂CY/∂β),
+
+    the same in all maneuvers where it comes from the constant. Vanes, where there are any, know
+    better: then this is the most that it can be.
+
+    Args:
+        samples: at states of a filter that holds `model`.
+        model: the aerodynamics with their covariance.
+    """
+    lasting = {}
+    for angle, force in TELLS.items():
+        if force not in model.fits:
+            continue
+        known = model.predict(samples.regressors, measured=False)[force].deviation ** 2
+        # What the model does not describe comes and goes, and is in the filter's own noise.
+        known = np.maximum(known - model.discrepancy(force) ** 2, 0.0)
+        slope = model.derivative(force, angle, samples.regressors).mean
+        lasting[angle] = known / slope**2
+    return replace(samples, regressor_lasting=lasting)
 
 
 def _measured(

@@ -26,7 +26,8 @@ def table(
     `alpha`, `beta` rad, `phat`, `qhat`, `rhat`), inertial rates, one column a control [rad], for
     each coefficient the measured value and one standard deviation of its noise, and the model's
     value with one standard deviation of the coefficient itself; then attitude, wind, bands and
-    maneuver.
+    maneuver. `alpha_sd` and `beta_sd` are all of the angles' uncertainty, `alpha_lasting_sd` and
+    `beta_lasting_sd` the part of it that lasts all flight.
 
     Args:
         flights: what to tabulate.
@@ -75,6 +76,10 @@ def _one(
     columns["t"] = samples.time
     columns |= dict(zip(("phi", "theta", "psi"), states.euler.T, strict=True))
     columns |= dict(zip(("V_sd", "alpha_sd", "beta_sd"), flow_deviation.T, strict=True))
+    for name in ("alpha", "beta"):
+        lasting = np.sqrt(samples.regressor_lasting.get(name, np.zeros(samples.time.size)))
+        columns[f"{name}_sd"] = np.hypot(columns[f"{name}_sd"], lasting)
+        columns[f"{name}_lasting_sd"] = lasting
     columns |= dict(zip(("wind_north", "wind_east", "wind_down"), states.wind.T, strict=True))
     columns["thrust_coefficient"] = samples.regressors["Tc"]
     columns["maneuver"] = piece

@@ -127,8 +127,8 @@ def main() -> None:
         rows += rounds(asked.folder / words.replace(" ", "_"), words, vanes=vanes)
     table.show(
         "in_turns",
-        "A lift slope that breaks: states and processes in turns, % error on another flight against "
-        "what flew",
+        "A lift slope that breaks: states and processes in turns, % error on another flight "
+        "against what flew",
         ("flow", "model", "likelihood [nat]", "CZ", "CZ past the break", "forces", "moments",
          "earned their place"),
         rows,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import COEFFICIENTS
@@ -52,12 +53,15 @@ class Method:
         states: those that it was learned at, and is asked at where the truth is not.
         ask: mean and one standard deviation of the coefficients at inputs.
         whole: whether the deviation is that of a measured value, its noise included.
+        taken: variance of each input's error that lasted all of the flight learned from, whose
+            states the model took as given; None for one that was found with them.
     """
 
     name: str
     states: str
     ask: Callable[[np.ndarray], Answer]
     whole: bool = False
+    taken: np.ndarray | None = None
 
 
 def brumby(out: Path) -> None:
@@ -157,7 +161,10 @@ def _methods(
                 "global only, zero mean": alone,
                 "independent GPs, zero mean": flights.learned(flight, inputs, single),
             }
-        found += [Method(name, states, _asked(one, mean)) for name, one in zero.items()]
+        taken = flight.lasting(inputs)
+        found += [
+            Method(name, states, _asked(one, mean), taken=taken) for name, one in zero.items()
+        ]
         if states == "filter":
             beside = _beside(plain[states], flight, inputs)
             found.append(Method("combined on the polynomial", states, beside))
@@ -316,6 +323,7 @@ def _calibrated(
         for flight in tested.get(one.states, {}).values():
             found, deviation = one.ask(flight.inputs(inputs))
             total = deviation if one.whole else np.hypot(deviation, flight.noise)
+            total = np.hypot(total, _by_lasting(one, flight, inputs))
             density.append(flights.nlpd(found, total, flight.measured))
             held.append(100.0 * flights.coverage(found, total, flight.measured))
         if density:
@@ -327,6 +335,30 @@ def _calibrated(
         ("method", "states", "NLPD", *COEFFICIENTS),
         rows,
     )
+
+
+STEP = 1e-3
+"""Of the difference that gives a model's slope [rad]."""
+
+
+def _by_lasting(
+    one: Method, flight: Flight, inputs: Sequence[str]
+) -> Float[np.ndarray, "sample output"]:
+    """One deviation of each coefficient by lasting errors of the inputs, of both flights.
+
+    A model that took its states as given has their errors in it, and is asked at those of another.
+    """
+    where = flight.inputs(inputs)
+    total = np.zeros((where.shape[0], len(COEFFICIENTS)))
+    if one.taken is None:
+        return total
+    for column, variance in enumerate(one.taken + flight.lasting(inputs)):
+        if variance > 0.0:
+            step = np.zeros(len(inputs))
+            step[column] = STEP
+            slope = (one.ask(where + step)[0] - one.ask(where - step)[0]) / (2.0 * STEP)
+            total += slope**2 * variance
+    return np.sqrt(total)
 
 
 def _disturbed(first: Flight, tested: Mapping[str, Flight], inputs: Sequence[str]) -> None:

@@ -54,6 +54,11 @@ class Flight:
         """Regressors as reconstructed."""
         return np.stack([self.table[name] for name in names], axis=1)
 
+    def lasting(self, names: Sequence[str]) -> np.ndarray:
+        """Mean over the flight of the variance of each regressor's error that lasts all of it."""
+        columns = [self.table.get(f"{name}_lasting_sd", np.zeros(1)) for name in names]
+        return np.array([np.mean(column**2) for column in columns])
+
     @property
     def measured(self) -> np.ndarray:
         """Measured coefficients."""
@@ -118,7 +123,7 @@ def data(flight: Flight, inputs: Sequence[str], *, truth: bool = False) -> Data:
     if not truth:
         for column, name in enumerate(inputs):
             if f"{name}_sd" in table:
-                spread[:, column] = table[f"{name}_sd"] ** 2
+                spread[:, column] = table[f"{name}_sd"] ** 2 - table[f"{name}_lasting_sd"] ** 2
     where = flight.true_inputs if truth else flight.inputs(inputs)
     return Data(
         inputs=where,
