@@ -6,6 +6,7 @@ A recording must outlast every error in what is made of it.
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -41,7 +42,7 @@ class Failure:
 
 
 class Failures:
-    """Counts failures by part; memory does not grow.
+    """Counts failures by part, from any thread; memory does not grow.
 
     Args:
         clock_us: the ground station's clock [µs since 1970].
@@ -50,21 +51,24 @@ class Failures:
     def __init__(self, clock_us: Callable[[], int]) -> None:
         self._clock_us = clock_us
         self._seen: dict[str, Failure] = {}
+        self._noting = threading.Lock()
         self.count = 0
 
     def note(self, what: str, error: Exception) -> None:
         """Counts a failure of the part `what`; a log gets the first of each."""
-        now, before = self._clock_us(), self._seen.get(what)
+        now = self._clock_us()
         why = f"{type(error).__name__}: {' '.join(str(error).split())[:100]}"
-        self.count += 1
-        if before is None:
+        with self._noting:
+            self.count += 1
+            before = self._seen.get(what, Failure(what, why, 0, now, now))
+            first = before.first_us if now - before.last_us <= TOLD_US else now
+            new = replace(before, why=why, count=before.count + 1, first_us=first, last_us=now)
+            self._seen[what] = new
+        if new.count == 1:
             _LOG.warning("%s failed, listening goes on: %s", what, why)
-            before = Failure(what, why, 0, now, now)
-        first = before.first_us if now - before.last_us <= TOLD_US else now
-        new = replace(before, why=why, count=before.count + 1, first_us=first, last_us=now)
-        self._seen[what] = new
 
     def told(self) -> list[Failure]:
         """Those of the last half minute."""
         now = self._clock_us()
-        return [one for one in self._seen.values() if now - one.last_us <= TOLD_US]
+        with self._noting:
+            return [one for one in self._seen.values() if now - one.last_us <= TOLD_US]

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +18,7 @@ from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
 from gcs_sysid.live import showing, snapshot, warming
+from gcs_sysid.live.handing import Thing, handed_on
 from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session
 from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Compiled, Station
@@ -127,7 +128,7 @@ def run(
     key = load_key(options.sign_key) if options.sign_key is not None else None
     mailbox = Mailbox()
     with ExitStack() as opened:
-        publish = _publisher(out, opened.enter_context(showing.shown(show)), station, clock)
+        publish = opened.enter_context(_publishing(out, show, station, clock))
         main = opened.enter_context(open_lasting(link))
         bus = None if options.can is None else opened.enter_context(open_lasting(options.can))
         recorder = opened.enter_context(
@@ -219,36 +220,55 @@ def _listen(
             return "quiet"
 
 
-def _publisher(out: Path, show: Show, station: Station, clock: Clock) -> Show:
-    """Writes the document, hands it on to be shown, and keeps the model.
+@contextmanager
+def _publishing(
+    out: Path, show: Show, station: Station, clock: Clock
+) -> Generator[Show, None, None]:
+    """Yields what writes the document, hands it on to be shown, and keeps the model.
 
-    None of these may stop the recording; what could not be written is tried again with the next.
+    None of these may stop the recording, or hold up the filter where a disk is slow: each writes in
+    a thread of its own, the newest of what waits; what could not be written is tried again with the
+    next.
     """
-    kept = [clock.seconds()]
 
-    def attempt(name: str, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except Exception as error:  # noqa: BLE001 - a display may fail in any way
-            station.failures.note(f"{name}, which is tried again", error)
+    def attempt(name: str, action: Callable[[Thing], None]) -> Callable[[Thing], None]:
+        def tried(thing: Thing) -> None:
+            try:
+                action(thing)
+            except Exception as error:  # noqa: BLE001 - a disk may fail in any way
+                station.failures.note(f"{name}, which is tried again", error)
 
-    def keep() -> None:
-        if station.newest is not None and clock.seconds() - kept[0] >= snapshot.EVERY_S:
-            kept[0] = clock.seconds()
-            snapshot.save(
-                out / snapshot.NAME,
-                station.model,
-                station.processes,
-                time_us=station.newest.row.link_us,
-                updates=station.updates,
+        return tried
+
+    kept = clock.seconds()
+    with (
+        showing.shown(show) as tell,
+        handed_on(attempt(LIVE, lambda it: documents.write_json(out / LIVE, it)), LIVE) as write,
+        handed_on(
+            attempt(snapshot.NAME, lambda it: snapshot.write(out / snapshot.NAME, it)),
+            snapshot.NAME,
+        ) as keep,
+    ):
+
+        def take(link_us: int) -> None:
+            keep(
+                snapshot.taken(
+                    station.model,
+                    station.processes,
+                    time_us=link_us,
+                    updates=station.updates,
+                )
             )
 
-    def publish(document: Mapping[str, Any]) -> None:
-        show(document)
-        attempt(LIVE, lambda: documents.write_json(out / LIVE, document))
-        attempt(snapshot.NAME, keep)
+        def publish(document: Mapping[str, Any]) -> None:
+            nonlocal kept
+            tell(document)
+            write(document)
+            if station.newest is not None and clock.seconds() - kept >= snapshot.EVERY_S:
+                kept = clock.seconds()
+                attempt(snapshot.NAME, take)(station.newest.row.link_us)
 
-    return publish
+        yield publish
 
 
 def identified(

@@ -37,26 +37,30 @@ class Restored:
     processes: bool
 
 
-def save(
-    path: Path, model: RunningModel, processes: Processes, *, time_us: int, updates: int
-) -> None:
-    """Writes what first model and processes know, whole or not at all, and onto the disk."""
-    arrays = {
-        **model.state(),
-        **processes.state(),
+def taken(
+    model: RunningModel, processes: Processes, *, time_us: int, updates: int
+) -> dict[str, np.ndarray]:
+    """What first model and processes know now; what they learn later changes nothing in it."""
+    known = {**model.state(), **processes.state()}
+    return {
+        **{name: value.copy() for name, value in known.items()},
         _SCHEMA: np.array(SCHEMA),
         _TIME: np.array(time_us),
         _UPDATES: np.array(updates),
         _STRUCTURE: np.array(model.structure),
     }
 
-    def write(temporary: Path) -> None:
+
+def write(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Writes what was `taken`, whole or not at all, and onto the disk."""
+
+    def fill(temporary: Path) -> None:
         with temporary.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
             file.flush()
             os.fsync(file.fileno())
 
-    documents.write_atomic(path, write)
+    documents.write_atomic(path, fill)
 
 
 def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:

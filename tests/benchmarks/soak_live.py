@@ -128,10 +128,11 @@ class Soak:
         self.done.append(note)
         newest = self._station.newest
         if newest is not None:
-            snapshot.save(
-                self._out / snapshot.NAME, self._station.model, self._station.processes,
+            kept = snapshot.taken(
+                self._station.model, self._station.processes,
                 time_us=newest.row.link_us, updates=self._station.updates,
             )  # fmt: skip
+            snapshot.write(self._out / snapshot.NAME, kept)
         log.write(json.dumps(note) + "\n")
         log.flush()
         print(json.dumps(note), flush=True)

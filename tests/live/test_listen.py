@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import inspect
 import json
+import queue
 import socket
 import threading
+import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,15 +20,17 @@ import pytest
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.cli import entry, live_view
 from gcs_sysid.errors import RefusedError, SourceError
-from gcs_sysid.live import document, listen, showing, snapshot, warming
+from gcs_sysid.live import document, handing, listen, showing, snapshot, warming
+from gcs_sysid.live.failures import Failures
 from gcs_sysid.live.listen import Ending, Options
 from gcs_sysid.live.session import Clock
-from gcs_sysid.live.station import Station
-from gcs_sysid.offline import identify
+from gcs_sysid.live.station import Compiled, Station
+from gcs_sysid.offline import documents, identify
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.link import Link
 
 MICRO = 1e-6
+PATIENCE_S = 60.0
 AIRCRAFT = Path(__file__).resolve().parents[2] / "data/aircraft/ultra_stick_25e.toml"
 
 
@@ -142,7 +147,7 @@ def test_a_display_that_fails_does_not_stop_the_recording(hear, played, caplog) 
 
 def test_a_terminal_that_is_held_up_holds_up_nothing(hear, tmp_path, monkeypatch) -> None:
     """With Ctrl-S in the terminal filter and recording stood still."""
-    monkeypatch.setattr(showing, "LAST_S", 0.05)
+    monkeypatch.setattr(handing, "LAST_S", 0.05)
     held = threading.Event()
     calls: list[object] = []
 
@@ -222,30 +227,101 @@ def test_frames_that_cannot_be_decoded_are_recorded(hear, monkeypatch) -> None:
     assert "decoding" in ending.live["alarms"][0]["what"]
 
 
+class Flying:
+    """A station in flight whose seconds a test counts, and what is published of it."""
+
+    def __init__(self, aircraft: Aircraft, compiled: Compiled) -> None:
+        self.now = 0.0
+        self.clock = Clock(seconds=lambda: self.now, us=lambda: round(self.now * 1e6))
+        self.station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=self.clock.us)
+        newest: Any = SimpleNamespace(row=SimpleNamespace(link_us=7))
+        self.station.newest = newest
+
+    def publishing(self, out: Path) -> AbstractContextManager[showing.Show]:
+        return listen._publishing(out, lambda _document: None, self.station, self.clock)
+
+    def told(self) -> list[str]:
+        return [one.words for one in self.station.failures.told()]
+
+
 def test_a_snapshot_that_failed_is_tried_again(aircraft, compiled, tmp_path, monkeypatch) -> None:
     """A disk that was full for a moment cost every later snapshot."""
-    now, saved = [0.0], []
+    saved: queue.SimpleQueue[str] = queue.SimpleQueue()
+    flying, told = Flying(aircraft, compiled), []
 
-    def save(*_given: object, time_us: int, **_named: object) -> None:
-        saved.append(time_us)
-        if len(saved) == 1:
+    def write(path: Path, _arrays: object) -> None:
+        first = not told
+        if first:
+            told.append(path.name)
+        saved.put(path.name)
+        if first:
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(snapshot, "save", save)
-    clock = Clock(seconds=lambda: now[0], us=lambda: round(now[0] * 1e6))
-    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=clock.us)
-    newest: Any = SimpleNamespace(row=SimpleNamespace(link_us=7))
-    station.newest = newest
-    publish = listen._publisher(tmp_path, lambda _document: None, station, clock)
-    told = []
-    for second in range(1, 60):
-        now[0] = float(second)
-        publish({})
-        told.append([one.words for one in station.failures.told()])
-    assert len(saved) == 59 // int(snapshot.EVERY_S)
-    words = "live-model.npz, which is tried again: failed once (OSError: [Errno 28] No space left"
-    assert told[4][0].startswith(words)
-    assert told[-1] == []
+    monkeypatch.setattr(snapshot, "write", write)
+    with flying.publishing(tmp_path) as publish:
+        for second in range(1, 60):
+            flying.now = float(second)
+            publish({})
+            if second % int(snapshot.EVERY_S) == 0:
+                saved.get(timeout=PATIENCE_S)
+            if second == int(snapshot.EVERY_S):
+                until = time.monotonic() + PATIENCE_S
+                while not flying.told():
+                    assert time.monotonic() < until
+                words = "live-model.npz, which is tried again: failed once (OSError: [Errno 28] No"
+                assert flying.told()[0].startswith(words)
+    assert saved.empty()
+    assert flying.station.failures.count == 1
+    assert flying.told() == []
+
+
+def test_a_slow_disk_holds_up_nothing(aircraft, compiled, tmp_path, monkeypatch) -> None:
+    """The filter waited for every snapshot until it was on the disk.
+
+    While one is being written the newest waits; both are as they were taken, whatever is learned.
+    """
+    begun, slow = threading.Event(), threading.Event()
+    write, kept = snapshot.write, []
+
+    def late(path: Path, arrays: dict[str, np.ndarray]) -> None:
+        begun.set()
+        assert slow.wait(PATIENCE_S)
+        write(path, arrays)
+        with np.load(path) as found:
+            kept.append({name: found[name] for name in ("lasting", "time_us")})
+
+    monkeypatch.setattr(snapshot, "write", late)
+    monkeypatch.setattr(documents, "write_json", lambda _path, _document: slow.wait(PATIENCE_S))
+    flying = Flying(aircraft, compiled)
+    with flying.publishing(tmp_path) as publish:
+        for second in range(1, 60):
+            flying.now = float(second)
+            flying.station.newest = SimpleNamespace(row=SimpleNamespace(link_us=second))
+            flying.station.model._lasting[:] = second  # learned in place, as sums are
+            publish({})
+            assert second < snapshot.EVERY_S or begun.wait(PATIENCE_S)
+        flying.station.model._lasting[:] = 99.0
+        slow.set()
+    assert [int(one["time_us"]) for one in kept] == [5, 55]
+    assert [float(one["lasting"].max()) for one in kept] == [5.0, 55.0]
+    assert flying.station.failures.count == 0
+    assert [path.name for path in tmp_path.iterdir()] == [snapshot.NAME]
+
+
+def test_failures_of_several_threads_are_all_counted() -> None:
+    failures = Failures(lambda: 0)
+
+    def fail(number: int) -> None:
+        for _ in range(500):
+            failures.note(f"part {number % 4}", ValueError("broken"))
+            failures.told()
+
+    threads = [threading.Thread(target=fail, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures.count == sum(one.count for one in failures.told()) == 4000
 
 
 def test_a_disk_that_is_full_stops_loudly(hear, tmp_path) -> None:

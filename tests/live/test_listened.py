@@ -231,7 +231,7 @@ def test_the_model_goes_on_as_it_was_kept(
     listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
 ) -> None:
     path, kept = tmp_path / snapshot.NAME, listened.station.model
-    snapshot.save(path, kept, listened.station.processes, time_us=1234, updates=77)
+    snapshot.write(path, snapshot.taken(kept, listened.station.processes, time_us=1234, updates=77))
     again = RunningModel(aircraft, compiled.regressors, None)
     assert again.estimates() == {}
     processes = Processes(aircraft, believing=False)
@@ -247,7 +247,7 @@ def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     model = RunningModel(aircraft, compiled.regressors, None)
     processes = Processes(aircraft, believing=False)
-    snapshot.save(path, kept, processes, time_us=1, updates=1)
+    snapshot.write(path, snapshot.taken(kept, processes, time_us=1, updates=1))
     whole = path.read_bytes()
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
         path.write_bytes(damaged)
