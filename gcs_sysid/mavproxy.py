@@ -23,11 +23,14 @@ from MAVProxy.modules.lib import mp_module, mp_settings
 
 from gcs_sysid.cli import live_view
 from gcs_sysid.live.legs import Leg, Legs
+from gcs_sysid.sources.recorder import parts
 
 COMMANDS = ("status", "start", "stop", "suggest", "diagnose", "report")
 _LOCAL = "127.0.0.1"
 _FAREWELL_S = 2.0
 _LAYER = "sysid"
+_AFTERWARDS = ("suggest", "diagnose")
+"""Commands on a flight that is identified; each has a folder of its own."""
 _GREEN, _AMBER = (0, 200, 80), (255, 160, 0)
 _QUIET_S = 3600.0
 """The flight ends when its user says so, not when the vehicle is out of reach."""
@@ -38,11 +41,12 @@ class Job:
 
     Args:
         words: the command and its arguments.
-        said: takes its lines.
+        said: takes its lines, and one that says how it ended behind them.
     """
 
     def __init__(self, words: Sequence[str], said: queue.SimpleQueue[str]) -> None:
         self.name = words[0]
+        self.stopped = False
         self._process = subprocess.Popen(  # noqa: S603 - this program itself
             [sys.executable, "-m", "gcs_sysid", *words],
             stdin=subprocess.DEVNULL,
@@ -62,6 +66,7 @@ class Job:
 
     def stop(self) -> None:
         """Asks it to come to its end."""
+        self.stopped = True
         if self.running:
             self._process.send_signal(signal.SIGTERM)
 
@@ -81,6 +86,8 @@ class Job:
         with self._process.stdout as lines:
             for line in lines:
                 self._said.put(line.rstrip())
+        failed = self._process.wait() != 0
+        self._said.put(f"{self.name} {'did not succeed: see above' if failed else 'is done'}")
 
 
 class SysidModule(mp_module.MPModule):
@@ -217,6 +224,10 @@ class SysidModule(mp_module.MPModule):
         if self._listening is None:
             self.say_line("does not listen")
             return
+        if self._listening.stopped:
+            # Asked again, it would end at once, and the identification with it.
+            self.say_line("stopped already; what was flown is being identified")
+            return
         self._port = 0
         self._listening.stop()
         self.say_line("stopped; what was flown is being identified")
@@ -230,25 +241,40 @@ class SysidModule(mp_module.MPModule):
         self.say_line(live_view.line(found))
 
     def _report(self, _words: list[str]) -> None:
-        page = self._folder() / "report.html"
-        self.say_line(str(page) if page.exists() else "no report yet; `sysid stop` makes it")
+        pages = [self._folder() / name / "report.html" for name in (".", *_AFTERWARDS)]
+        made = [str(page) for page in pages if page.exists()]
+        for line in made or [self._lacking() or f"no report in {self._folder()}"]:
+            self.say_line(line)
 
     def _suggest(self, words: list[str]) -> None:
-        if self._identified():
-            out = ["--out", str(self._folder() / "suggest")]
-            self._run(["suggest", "--model", str(self._folder()), *out, *words])
+        self._afterwards("suggest", ["--model", str(self._folder())], words)
 
     def _diagnose(self, words: list[str]) -> None:
-        if self._identified():
-            recording, out = self._folder() / "recording.tlog", self._folder() / "diagnose"
-            aircraft = ["--aircraft", self.sysid_settings.aircraft]
-            self._run(["diagnose", str(recording), *aircraft, "--out", str(out), *words])
+        # What was flown, whoever edits the file meanwhile.
+        flown = self._folder() / "aircraft-flown.toml"
+        recordings = map(str, parts(self._folder() / "recording.tlog"))
+        self._afterwards("diagnose", [*recordings, "--aircraft", str(flown)], words)
 
-    def _identified(self) -> bool:
-        if (self._folder() / "model").is_dir():
-            return True
-        self.say_line("no model yet: sysid start, fly, sysid stop")
-        return False
+    def _afterwards(self, name: str, words: Sequence[str], more: Sequence[str]) -> None:
+        """Runs a command on a flight that is identified, or says what is to be done before."""
+        lacking = self._lacking()
+        if any(job.name == name and job.running for job in self._jobs):
+            self.say_line(f"{name} runs already; its end will be said")
+        elif lacking:
+            self.say_line(lacking)
+        else:
+            self._run([name, *words, "--out", str(self._folder() / name), *more])
+            self.say_line(f"{name} runs; its end will be said")
+
+    def _lacking(self) -> str:
+        """What must be done before there is a model; empty where there is one."""
+        if self._listening is not None and not self._listening.stopped:
+            return "the flight goes on: `sysid stop`, and ask again when `listen is done`"
+        if self._listening is not None:
+            return "the flight is being identified: ask again when `listen is done`"
+        if not (self._folder() / "model").is_dir():
+            return "no model yet: sysid start, fly, sysid stop"
+        return ""
 
     def _folder(self) -> Path:
         return self._out or Path(self.sysid_settings.out or ".").resolve()

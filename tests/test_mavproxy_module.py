@@ -24,6 +24,7 @@ from tests.sources.conftest import Writer
 pytestmark = pytest.mark.skipif(find_spec("MAVProxy") is None, reason="MAVProxy is not installed")
 __all__ = ["console"]
 PATIENCE_S = 60.0
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
@@ -47,17 +48,128 @@ def module():
 
 def test_commands_say_what_is_missing(module):
     loaded, said, _ = module
-    for words in ([], ["dance"], ["status"], ["stop"], ["suggest"], ["report"], ["start", "none"]):
-        loaded.command(words)
+    asked = ("", "dance", "status", "stop", "suggest", "diagnose", "report", "start none")
+    for words in asked:
+        loaded.command(words.split())
     assert said == [
         "sysid: usage: sysid <status|start|stop|suggest|diagnose|report|set>",
         "sysid: usage: sysid <status|start|stop|suggest|diagnose|report|set>",
         "sysid: does not listen: sysid start",
         "sysid: does not listen",
-        "sysid: no model yet: sysid start, fly, sysid stop",
-        "sysid: no report yet; `sysid stop` makes it",
+        *["sysid: no model yet: sysid start, fly, sysid stop"] * 3,
         "sysid: no aircraft file `none`; give one: sysid start AIRCRAFT.toml",
     ]
+
+
+@pytest.fixture
+def started(module, tmp_path, monkeypatch):
+    """The module after a flight that was identified; its jobs are kept, not run."""
+    from gcs_sysid import mavproxy
+
+    loaded, said, _ = module
+    ran: list[list[str]] = []
+
+    class Kept(mavproxy.Job):
+        """One that goes on when it was told to stop, as a flight that is being identified does."""
+
+        running, asked = True, 0
+
+        def __init__(self, words, _said) -> None:
+            self.name, self.stopped = words[0], False
+            ran.append(words)
+
+        def stop(self) -> None:
+            self.stopped, self.asked = True, self.asked + 1
+
+        kill = stop
+
+    monkeypatch.setattr(mavproxy, "Job", Kept)
+    (tmp_path / "model").mkdir()
+    loaded.command(["set", "out", str(tmp_path)])
+    said.clear()
+    return loaded, said, ran
+
+
+def test_what_comes_after_a_flight_waits_for_its_end(started, tmp_path):
+    """`suggest` took the model of a flight before; a second `stop` ended the identification."""
+    loaded, said, ran = started
+    loaded.command(["start", str(examples.ULTRA_STICK)])
+    listening = loaded._listening
+    del ran[:], said[:]
+    goes_on = "sysid: the flight goes on: `sysid stop`, and ask again when `listen is done`"
+    for words in ("suggest", "diagnose", "report", "stop", "stop", "suggest"):
+        loaded.command([words])
+    assert said == [
+        *[goes_on] * 3,
+        "sysid: stopped; what was flown is being identified",
+        "sysid: stopped already; what was flown is being identified",
+        "sysid: the flight is being identified: ask again when `listen is done`",
+    ]
+    assert listening.asked == 1
+    listening.running = False
+    loaded.idle_task()
+    loaded.command(["suggest"])
+    assert [words[0] for words in ran] == ["suggest"]
+
+
+def test_suggest_and_diagnose_run_on_what_was_flown(started, tmp_path):
+    """All parts of the recording, and the aircraft file as it was when they began."""
+    loaded, said, ran = started
+    for name in ("recording.tlog", "recording-002.tlog", "recording-001.tlog", "recording-x.tlog"):
+        (tmp_path / name).touch()
+    loaded.command(["suggest", "--target", "Cm"])
+    loaded.command(["diagnose"])
+    loaded.command(["suggest"])
+    folder = str(tmp_path)
+    assert ran == [
+        ["suggest", "--model", folder, "--out", f"{folder}/suggest", "--target", "Cm"],
+        [
+            "diagnose", *(f"{folder}/recording{n}.tlog" for n in ("-001", "-002", "")),
+            "--aircraft", f"{folder}/aircraft-flown.toml", "--out", f"{folder}/diagnose",
+        ],
+    ]  # fmt: skip
+    assert said == [
+        "sysid: suggest runs; its end will be said",
+        "sysid: diagnose runs; its end will be said",
+        "sysid: suggest runs already; its end will be said",
+    ]
+    for name in ("report.html", "diagnose/report.html"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    del said[:]
+    loaded.command(["report"])
+    assert said == [f"sysid: {folder}/report.html", f"sysid: {folder}/diagnose/report.html"]
+
+
+def said_of(loaded, said: list[str], words: str) -> list[str]:
+    """What is said until a line ends with `words`, which MAVProxy's thread only hands on."""
+    until = time.monotonic() + PATIENCE_S
+    while not (said and said[-1].endswith(words)):
+        assert time.monotonic() < until, said
+        loaded.idle_task()
+        time.sleep(0.02)
+    return said
+
+
+def test_a_job_that_fails_says_why_and_that_it_did(module, tmp_path):
+    loaded, said, _ = module
+    (tmp_path / "model").mkdir()
+    loaded.command(["set", "out", str(tmp_path)])
+    del said[:]
+    loaded.command(["suggest"])
+    said_of(loaded, said, "suggest did not succeed: see above")
+    assert len(said) == 3, "what runs, why it failed, and that it did"
+    assert "holds no model.json; give" in said[1]
+
+
+def test_a_job_says_what_it_found_and_that_it_is_done(module, tmp_path):
+    from gcs_sysid.mavproxy import Job
+
+    loaded, said, _ = module
+    words = ["inspect", str(ROOT / "data/flights/demo.tlog"), "--out", str(tmp_path / "found")]
+    loaded._jobs.append(Job(words, loaded._said))
+    assert len(said_of(loaded, said, "inspect is done")) > 1
+    assert (tmp_path / "found/inspect.json").is_file()
 
 
 def test_frames_are_handed_on_as_they_came(module):

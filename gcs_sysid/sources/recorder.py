@@ -78,7 +78,7 @@ class Recorder(Closing):
         try:
             if append:
                 self.interrupted = self._mended()
-            elif self._older():
+            elif _older(self.path):
                 # A kill after the last part was renamed left no file of the name itself.
                 raise FileExistsError
             self._file = self.path.open("ab" if append else "xb")
@@ -96,16 +96,7 @@ class Recorder(Closing):
     @property
     def parts(self) -> list[Path]:
         """All parts in order, the one being written last."""
-        return [*self._older().values(), self.path]
-
-    def _older(self) -> dict[int, Path]:
-        """Parts that are finished, by number, in order."""
-        found = {}
-        for path in self.path.parent.glob(f"{self.path.stem}-*{self.path.suffix}"):
-            number = path.stem.removeprefix(f"{self.path.stem}-")
-            if len(number) >= _DIGITS and number.isdecimal():
-                found[int(number)] = path
-        return dict(sorted(found.items()))
+        return parts(self.path)
 
     def _mended(self) -> Interrupted | None:
         """What a recording that is continued ended with, the newest part that holds a frame."""
@@ -169,7 +160,7 @@ class Recorder(Closing):
     def _begin_part(self) -> None:
         _to_disk(self._file)
         self._file.close()
-        number = 1 + max(self._older(), default=0)
+        number = 1 + max(_older(self.path), default=0)
         self.path.rename(self.path.with_stem(f"{self.path.stem}-{number:0{_DIGITS}d}"))
         self._file = self.path.open("xb")
 
@@ -179,6 +170,21 @@ class Recorder(Closing):
             f"recording failed ({error.strerror or error}); what came before is kept",
             fix="free or choose another disk, check its permissions, and go on with --resume",
         )
+
+
+def parts(path: Path) -> list[Path]:
+    """All parts of the recording `path`, in order, the newest last: it has the name itself."""
+    return [*_older(path).values(), path]
+
+
+def _older(path: Path) -> dict[int, Path]:
+    """Parts that are finished, by number, in order."""
+    found = {}
+    for part in path.parent.glob(f"{path.stem}-*{path.suffix}"):
+        number = part.stem.removeprefix(f"{path.stem}-")
+        if len(number) >= _DIGITS and number.isdecimal():
+            found[int(number)] = part
+    return dict(sorted(found.items()))
 
 
 def _to_disk(file: BinaryIO) -> None:
