@@ -59,6 +59,7 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
         "state_age_s": None
         if newest is None or now_us is None
         else round((now_us - newest.row.link_us) * 1e-6, 3),
+        "inertial_delay_s": round(station.rows.inertial_delay, 5),
         "state": {} if newest is None else state(newest),
         "coefficients": coefficients(station, now_us),
         "derivatives": {
@@ -104,6 +105,7 @@ def bare(station: Station, around: Outside) -> dict[str, Any]:
         "time_us": None,
         "written_us": around.now_us,
         "state_age_s": None,
+        "inertial_delay_s": None,
         "health": dict(around.health),
         **{name: {} for name in ("state", "coefficients", "derivatives", "departures")},
         "causes": [],

@@ -10,6 +10,7 @@ counted.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from gcs_sysid import atmosphere, frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.live.choice import InertialChoice, StreamChoice
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
-from gcs_sysid.reconstruct import cut, measurements
+from gcs_sysid.reconstruct import cut, inertial_filter, measurements
 from gcs_sysid.reconstruct.measurements import GAP, SLOWEST_AIRSPEED
 from gcs_sysid.sources.samples import Sample
 
@@ -89,7 +90,8 @@ class RowMaker:
     """
 
     def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
+        self._file = self._aircraft = aircraft
+        self._parameters: dict[str, float] = {}
         self._inertial = InertialChoice()
         self._cut = cut.Watch()
         self._streams = {
@@ -141,6 +143,18 @@ class RowMaker:
             unheard.append("static pressure or altitude")
         return tuple(unheard)
 
+    @property
+    def inertial_delay(self) -> float:
+        """By how much inertial samples are moved back [s]."""
+        # Rate and specific force of a row are one sample: the gyro's lag stands for both.
+        return measurements.lateness(self._aircraft, self._inertial.chosen, "gyro")
+
+    def told(self, parameters: Mapping[str, float]) -> None:
+        """Takes note of the autopilot's parameters: its inertial filter delays what it shows."""
+        if parameters != self._parameters:
+            self._parameters = dict(parameters)
+            self._aircraft = inertial_filter.behind(self._file, parameters)
+
     def seconds(self, sample: Sample) -> float:
         """Time of a sample [s after the epoch]."""
         if self.epoch_us is None:
@@ -157,9 +171,8 @@ class RowMaker:
                 self._told_us = self._told_us or sample.link_us
         if not self._inertial.takes(sample, time):
             return []
-        # Rate and specific force of a row are one sample: the gyro's lag stands for both.
-        late = measurements.lateness(self._aircraft, self._inertial.chosen, "gyro")
-        return [row for row in (self.once_more(), self._step(sample, time - late)) if row]
+        before = self.once_more()
+        return [row for row in (before, self._step(sample, time - self.inertial_delay)) if row]
 
     def once_more(self) -> Row | None:
         """The newest row with what came after it and belongs to it; None if nothing does."""

@@ -29,6 +29,7 @@ from gcs_sysid.live.maneuver import ManeuverWatch
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import Regressors, RunningModel, TermEstimate
 from gcs_sysid.live.rows import Row, RowMaker
+from gcs_sysid.reconstruct import inertial_filter
 from gcs_sysid.reconstruct.measurements import AIRSPEED_STREAMS, IMU_STREAMS
 from gcs_sysid.sources.samples import Sample, SampleDecoder
 from gcs_sysid.sources.stream import Batch
@@ -77,7 +78,9 @@ class Station:
         observer: Callable[[Estimate | Samples], None] | None = None,
     ) -> None:
         self.aircraft = aircraft
-        self.decoder = SampleDecoder(vehicle=vehicle)
+        self.decoder = SampleDecoder(
+            vehicle=vehicle, watched=(inertial_filter.GYRO, inertial_filter.ACCELEROMETER)
+        )
         self.rows = RowMaker(aircraft)
         self.filter = LiveFilter(aircraft)
         self.commands = Commands(aircraft, compiled.maps)
@@ -111,7 +114,9 @@ class Station:
 
     def receive(self, batch: Batch) -> None:
         """Takes what arrived; it is worked on by `work`."""
-        self.take(self.decoder.samples(batch))
+        samples = self.decoder.samples(batch)
+        self.rows.told(self.decoder.parameters)
+        self.take(samples)
 
     def take(self, samples: Iterable[Sample]) -> None:
         """As `receive`, of samples."""

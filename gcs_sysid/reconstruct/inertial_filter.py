@@ -15,6 +15,9 @@ from dataclasses import replace
 
 from gcs_sysid.aircraft import Aircraft, SensorError
 
+GYRO, ACCELEROMETER = "INS_GYRO_FILTER", "INS_ACCEL_FILTER"
+"""Parameters of the cut-off frequencies [Hz]."""
+
 
 def delay(cutoff: float) -> float:
     """Of a Butterworth filter of two poles at frequencies far below its cut-off.
@@ -33,7 +36,7 @@ def behind(aircraft: Aircraft, parameters: Mapping[str, float]) -> Aircraft:
 
     Args:
         aircraft: where its file states a lag of a sensor, that stays.
-        parameters: of the autopilot, as far as its log holds them.
+        parameters: of the autopilot, as far as they were told.
     """
 
     def filtered(error: SensorError, name: str) -> SensorError:
@@ -44,7 +47,7 @@ def behind(aircraft: Aircraft, parameters: Mapping[str, float]) -> Aircraft:
         aircraft,
         imu=replace(
             imu,
-            gyro=filtered(imu.gyro, "INS_GYRO_FILTER"),
-            accelerometer=filtered(imu.accelerometer, "INS_ACCEL_FILTER"),
+            gyro=filtered(imu.gyro, GYRO),
+            accelerometer=filtered(imu.accelerometer, ACCELEROMETER),
         ),
     )

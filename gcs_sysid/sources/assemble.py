@@ -45,7 +45,7 @@ def recording(log: LogTables, *, source: str, sha256: str, vehicle: int | None) 
         for key, table in log.tables.items()
         if (key.system, key.component) == (chosen.system, chosen.component)
     }
-    parameters = _parameters(own.get("PARAM_VALUE"), chosen)
+    parameters = told_parameters(own.get("PARAM_VALUE"), chosen)
     split = _instances(own)
     clocked = clock.align(split)
     epoch_us = int(min(time.min() for time in clocked.time_us.values()))
@@ -224,8 +224,8 @@ _WHOLE = (
 )
 
 
-def _parameters(table: MessageTable | None, vehicle: Vehicle) -> dict[str, float]:
-    """Last value of each parameter."""
+def told_parameters(table: MessageTable | None, vehicle: Vehicle) -> dict[str, float]:
+    """Last value of each parameter in a table of `PARAM_VALUE`."""
     if table is None:
         return {}
     names = messages.text(table.fields["param_id"])

@@ -6,14 +6,14 @@ without the future: a message without a stamp has the time of the stamped one be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs_sysid.recording import Vehicle
 from gcs_sysid.sources import messages
-from gcs_sysid.sources.assemble import heard_vehicle
+from gcs_sysid.sources.assemble import heard_vehicle, told_parameters
 from gcs_sysid.sources.can.live import CanSamples
 from gcs_sysid.sources.can.streams import AUTOPILOT, BUS, ESTIMATES
 from gcs_sysid.sources.can.tunnel import TUNNELS, tunnelled
@@ -135,10 +135,18 @@ class SampleDecoder:
 
     Args:
         vehicle: system id to use; None takes the first autopilot that is heard, and keeps it.
+        watched: names of parameters to take note of.
+
+    Attributes:
+        parameters: newest values of those that were told; nobody asks the autopilot for them.
     """
 
-    def __init__(self, *, vehicle: int | None = None) -> None:
+    def __init__(
+        self, *, vehicle: int | None = None, watched: Collection[str] = frozenset()
+    ) -> None:
         self._wanted = vehicle
+        self._watched = watched
+        self.parameters: dict[str, float] = {}
         self._waiting: list[tuple[TableKey, MessageTable, int]] = []
         self.clock = LiveClock()
         self.vehicle: Vehicle | None = None
@@ -190,7 +198,13 @@ class SampleDecoder:
         return key.name in TUNNELS and (key[:2] == (SYSTEM, BUS_COMPONENT) or self._ours(key))
 
     def _own(self, key: TableKey, table: MessageTable, row: int) -> list[Sample]:
-        return [self._sample(key, table, row)] if self._ours(key) else []
+        if self.vehicle is None or not self._ours(key):
+            return []
+        if key.name == "PARAM_VALUE":
+            told = told_parameters(table.subset(np.array([row])), self.vehicle)
+            # Whoever sends thousands of names must not fill the memory.
+            self.parameters |= {n: value for n, value in told.items() if n in self._watched}
+        return [self._sample(key, table, row)]
 
     def _from_bus(self, table: MessageTable, row: int) -> list[Sample]:
         one = table.subset(np.array([row]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 
 import jax
@@ -17,14 +18,16 @@ from gcs_sysid.live.coefficients import HOP, KEPT
 from gcs_sysid.live.listen import Ending, identified
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
+from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import MEASURED
 from gcs_sysid.offline import documents
-from gcs_sysid.reconstruct import measurements
+from gcs_sysid.reconstruct import inertial_filter, measurements
 from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
 from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
 from gcs_sysid.reconstruct.smoother import CHUNK, _Belief, _chunk, _forward
 from gcs_sysid.sources.registry import open_recording
+from gcs_sysid.sources.samples import SampleDecoder
 from gcs_sysid.sources.stream import FrameStream
 from tests.sources.conftest import Writer
 
@@ -33,6 +36,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTLED_S = 15.0
 """After this the filter has learned the wind and its noise."""
 FAULTY_S = 25.0
+STEP_S = 0.02
 
 
 @pytest.fixture(scope="session")
@@ -95,6 +99,39 @@ def test_rows_are_those_of_the_batch_run(rows, batch) -> None:
     index = list(MEASURED).index("airspeed")
     seen = sum(row.measured.valid[index] for row in live)
     assert seen == pytest.approx(batch.measured.valid[chosen, index].sum(), abs=3)
+
+
+def test_an_inertial_filter_is_undone_as_in_the_batch_run(
+    played, aircraft: Aircraft, tmp_path: Path
+) -> None:
+    """Told on the link that rates come 11 ms late, attitudes belong to other rows, as in a log."""
+    told = Writer().frame(
+        "PARAM_VALUE", param_id=inertial_filter.GYRO.encode(), param_value=20.0, param_type=9
+    )
+    flown = [(link_us, frame) for link_us, frame in played if link_us < played[0][0] + 20e6]
+    records = [*flown[:5], (flown[5][0], told), *flown[5:]]
+    log = tmp_path / "told.tlog"
+    log.write_bytes(b"".join(struct.pack(">Q", link_us) + frame for link_us, frame in records))
+    whole = measurements.select(open_recording(log), aircraft, (0.0, 1e9))
+
+    stream, maker = FrameStream(), RowMaker(aircraft)
+    decoder = SampleDecoder(watched=(inertial_filter.GYRO,))
+    rows: list[Row] = []
+    for link_us, frame in records:
+        samples = decoder.samples(stream.feed(frame, link_us))
+        maker.told(decoder.parameters)
+        rows += [row for item in samples for row in maker.take(item)]
+    # The last state of a row holds all that belongs to it.
+    last = list({row.time: row for row in rows}.values())
+    live, chosen = matched(last[10:], whole)
+    index = list(MEASURED).index("attitude")
+    ages = np.array([row.measured.age[index] for row in live])
+    valid = np.array([row.measured.valid[index] for row in live])
+    both = valid & whole.measured.valid[chosen, index]
+    assert both.mean() > 0.3
+    same = np.abs(ages - whole.measured.age[chosen, index])[both] < 2.1e-6
+    assert same.mean() > 0.98, "but beside holes"
+    assert np.median(ages[both]) == pytest.approx(-STEP_S + inertial_filter.delay(20.0), abs=2e-3)
 
 
 def test_the_live_filter_is_the_batch_runs_forward_filter(rows, batch, aircraft: Aircraft) -> None:

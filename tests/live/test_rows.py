@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from gcs_sysid.aircraft import Aircraft, Geometry, Mass, StreamTiming
+from gcs_sysid.aircraft import Aircraft, Geometry, Imu, Mass, SensorError, StreamTiming
 from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED
-from gcs_sysid.reconstruct import cut
+from gcs_sysid.reconstruct import cut, inertial_filter
 from gcs_sysid.sources.samples import Sample
 
 EPOCH_US = 1_790_000_000_000_000
@@ -187,6 +187,25 @@ def test_the_fastest_inertial_stream_is_used() -> None:
             maker.take(inertial(index * 0.01 + 0.001, stream="RAW_IMU"))
     assert maker.used["gyro"] == "SCALED_IMU2"
     assert maker.used["accelerometer"] == "SCALED_IMU2"
+
+
+def test_an_autopilots_filter_is_undone_from_when_it_is_told() -> None:
+    """At 20 Hz rates come 11 ms late; a lag that the aircraft file states goes before."""
+    late = inertial_filter.delay(20.0)
+    told = {inertial_filter.GYRO: 20.0, inertial_filter.ACCELEROMETER: 10.0}
+    maker = RowMaker(aircraft())
+    n = started(maker)
+    (before,) = maker.take(inertial(n * STEP_S))
+    maker.told(told)
+    (after,) = maker.take(inertial((n + 1) * STEP_S))
+    assert maker.inertial_delay == late == pytest.approx(0.01125, abs=1e-5)
+    assert before.time == pytest.approx(n * STEP_S)
+    assert after.time == pytest.approx((n + 1) * STEP_S - late)
+    assert after.step == pytest.approx(STEP_S - late)
+    stated = RowMaker(aircraft(imu=Imu(gyro=SensorError(bias=(0.0, 0.0, 0.0), lag=0.003))))
+    stated.told(told)
+    started(stated)
+    assert stated.inertial_delay == 0.003
 
 
 def test_what_the_autopilot_cuts_off_is_given_back_once_that_shows() -> None:

@@ -74,6 +74,21 @@ def test_nothing_is_lost_before_the_vehicle_is_known(writer: type) -> None:
     assert len([s for s in samples if s.stream == "ATTITUDE"]) == 30
 
 
+def test_parameters_are_those_of_the_log_and_only_those_wanted(writer: type) -> None:
+    log, other = writer(), writer(system=2)
+    log.heartbeat(0)
+    for at, (name, value) in enumerate([("INS_GYRO_FILTER", 40.0), ("INS_GYRO_FILTER", 20.0),
+                                        ("WP_RADIUS", 90.0)], start=1):  # fmt: skip
+        log.add(1000 * at, "PARAM_VALUE", param_id=name.encode(), param_value=value, param_type=9)
+    other.heartbeat(5000)
+    other.add(6000, "PARAM_VALUE", param_id=b"INS_GYRO_FILTER", param_value=7.0, param_type=9)
+    log.records += other.records
+    decoder = SampleDecoder(watched=("INS_GYRO_FILTER", "INS_ACCEL_FILTER"))
+    live(log, decoder)
+    assert decoder.parameters == {"INS_GYRO_FILTER": 20.0}
+    assert batch(log, vehicle=1).parameters == {**decoder.parameters, "WP_RADIUS": 90.0}
+
+
 def test_a_second_vehicle_is_never_mixed_in(writer: type) -> None:
     first, second = flight(writer, system=1), flight(writer, system=2, first_ms=90_000)
     first.records += second.records
