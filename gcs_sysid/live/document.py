@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs_sysid import frames
-from gcs_sysid.live import advice, envelope_map, processes
+from gcs_sysid.live import advice, envelope_map, latency, processes
 from gcs_sysid.live.causes import likely
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.filter import Estimate
@@ -123,9 +123,7 @@ def bare(station: Station, around: Outside) -> dict[str, Any]:
             "coefficients": {},
         },
         "map": None,
-        "latency": {
-            name: {"p50_ms": None, "p99_ms": None} for name in ("packet_to_update", "update")
-        },
+        "latency": {name: dict.fromkeys(latency.NAMES) for name in ("packet_to_update", "update")},
         "counts": {
             "received": station.decoder.received,
             "recorded": around.recorded,

@@ -14,7 +14,7 @@ from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.flying import BEGIN, END, FlyingWatch, slowest
-from gcs_sysid.live.latency import Latency
+from gcs_sysid.live.latency import NEWEST, STEP, Latency
 from gcs_sysid.live.regression import UNCERTAIN, Regressors, RunningModel
 from gcs_sysid.live.ring import Ring
 from gcs_sysid.reconstruct import rates
@@ -38,12 +38,32 @@ def test_a_ring_holds_the_newest_rows_in_order(size: int, added: int) -> None:
         )
 
 
-def test_latencies_are_of_the_newest_updates() -> None:
+def test_latencies_are_of_the_newest_updates_and_of_all() -> None:
     latency = Latency()
-    assert latency.percentiles() == {"p50_ms": None, "p99_ms": None}
+    assert set(latency.percentiles().values()) == {None}
     for milliseconds in range(1, 101):
         latency.add(milliseconds * 1e-3)
-    assert latency.percentiles() == {"p50_ms": 50.5, "p99_ms": 99.01}
+    told = latency.percentiles()
+    assert (told["p50_ms"], told["p99_ms"]) == (50.5, 99.01)
+    assert told["all_p50_ms"] == pytest.approx(50.0, rel=STEP - 1.0)
+    assert told["all_p99_ms"] == pytest.approx(99.0, rel=STEP - 1.0)
+
+
+def test_what_was_slow_long_ago_is_forgotten_by_the_newest_only() -> None:
+    """A run's percentiles were those of its last minute, whatever had happened before."""
+    durations = np.random.default_rng(3).lognormal(-6.0, 1.0, 3 * NEWEST)
+    durations[:200] = 3.0
+    durations[-1] = 0.0  # a clock that stood still
+    latency = Latency()
+    for one in durations:
+        latency.add(float(one))
+    told, size = latency.percentiles(), latency._all.size
+    half, most = 1e3 * np.quantile(durations, [0.5, 0.99], method="inverted_cdf")
+    assert told["all_p50_ms"] == pytest.approx(half, rel=STEP - 1.0)
+    assert told["all_p99_ms"] == pytest.approx(most, rel=STEP - 1.0) == pytest.approx(3e3)
+    assert told["p99_ms"] == pytest.approx(1e3 * np.quantile(durations[-NEWEST:], 0.99), rel=1e-3)
+    latency.add(1e6)
+    assert latency._all.size == size
 
 
 def flown(watch: FlyingWatch, speed: float, seconds: float, since: float) -> bool:
