@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz results picture docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz results picture live-pictures docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -129,6 +129,10 @@ picture: setup
 	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
 		--out out/picture
 	@$(BIN)/python docs/picture.py out/picture data/flights/demo_truth.json
+
+# A flight in real time, its page on a screen and a phone: two minutes, and Chromium.
+live-pictures: setup
+	@$(BIN)/python -m docs.live_pictures
 
 # Universal: one file for every platform and Python version, with a hash for each archive.
 lock:

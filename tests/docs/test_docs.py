@@ -6,10 +6,12 @@ import importlib.util
 import re
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import pytest
 
+from docs import live_pictures
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.cli import entry
 
@@ -53,6 +55,17 @@ def test_commands_shown_are_commands_there_are(file):
     shown = set(re.findall(r"gcs-sysid ([a-z]+)", text))
     assert shown
     assert shown <= set(entry.COMMANDS)
+
+
+def test_the_pictures_of_the_page_are_those_that_are_taken():
+    page = (DOCS / "live.md").read_text(encoding="utf-8")
+    taken = [
+        live_pictures.picture(*one).name
+        for one in product(live_pictures.SIZES, live_pictures.THEMES)
+    ]
+    assert re.findall(r"\((live-[a-z-]+\.png)\)", page) == taken
+    for name in taken:
+        assert 10_000 < (DOCS / name).stat().st_size < 200_000, name
 
 
 def test_the_documentation_builds_without_a_warning(tmp_path):
