@@ -6,6 +6,7 @@ import os
 import struct
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -42,8 +43,9 @@ class Interrupted:
 class Recorder(Closing):
     """A .tlog being written: each frame as received, behind its arrival time. Use as a context.
 
-    Each batch is handed to the operating system at once, and to the disk every second: a program
-    that is killed loses nothing, a computer that loses power a second.
+    Each batch is handed to the operating system at once, and to the disk every second by a thread
+    of its own, so that a slow disk is not waited for: a program that is killed loses nothing, a
+    computer that loses power a second and what the disk took.
 
     Args:
         path: file to write; when it grows beyond `part_bytes` it is renamed to `NAME-001.tlog` and
@@ -92,6 +94,8 @@ class Recorder(Closing):
             raise self._failed(error) from error
         self._synced = clock()
         self._dirty = False
+        self._disk = ThreadPoolExecutor(max_workers=1, thread_name_prefix="disk")
+        self._syncing: Future[None] | None = None
 
     @property
     def parts(self) -> list[Path]:
@@ -134,15 +138,23 @@ class Recorder(Closing):
         """Hands what was written to the disk, if a second has gone by since the last time.
 
         Raises:
-            SourceError: the file cannot be written.
+            SourceError: the file could not be written, now or the last time.
         """
-        if not self._dirty or self._clock() - self._synced < _SYNC_S:
+        if self._syncing is not None and not self._syncing.done():
             return
         try:
-            _to_disk(self._file)
+            self._wait()
         except OSError as error:
             raise self._failed(error) from error
-        self._synced, self._dirty = self._clock(), False
+        if self._dirty and self._clock() - self._synced >= _SYNC_S:
+            self._synced, self._dirty = self._clock(), False
+            self._syncing = self._disk.submit(_to_disk, self._file)
+
+    def _wait(self) -> None:
+        """Waits for what the disk was handed last; raises what went wrong there."""
+        syncing, self._syncing = self._syncing, None
+        if syncing is not None:
+            syncing.result()
 
     def close(self) -> None:
         """Ends the recording.
@@ -151,13 +163,17 @@ class Recorder(Closing):
             SourceError: the file cannot be written.
         """
         try:
+            self._wait()
             if not self._file.closed and self._dirty:
                 _to_disk(self._file)
             self._file.close()
         except OSError as error:
             raise self._failed(error) from error
+        finally:
+            self._disk.shutdown()
 
     def _begin_part(self) -> None:
+        self._wait()
         _to_disk(self._file)
         self._file.close()
         number = 1 + max(_older(self.path), default=0)

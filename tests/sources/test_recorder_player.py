@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,6 +12,8 @@ from gcs_sysid.sources import tlog
 from gcs_sysid.sources.player import play
 from gcs_sysid.sources.recorder import Recorder
 from gcs_sysid.sources.stream import FrameStream
+
+PATIENCE_S = 60.0
 
 
 class Clock:
@@ -92,19 +97,78 @@ def test_every_batch_is_there_at_once(writer: type, tmp_path: Path) -> None:
             assert len(tlog.frames(path.read_bytes())) == i + 1
 
 
+def disk(monkeypatch: pytest.MonkeyPatch, put: Callable[[], None]) -> None:
+    monkeypatch.setattr("os.fsync", lambda _descriptor: put())
+
+
+def turned(recorder: Recorder, clock: Clock, until: Callable[[], bool]) -> None:
+    """Goes on as `listen` does, without time going on, until the disk's thread has come to it."""
+    end = time.monotonic() + PATIENCE_S
+    while not until():
+        assert time.monotonic() < end
+        recorder.sync()
+        time.sleep(0.001)
+
+
 def test_it_reaches_the_disk_every_second(
     writer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock, synced = Clock(), []
-    monkeypatch.setattr("os.fsync", lambda _: synced.append(clock.now))
+    disk(monkeypatch, lambda: synced.append(clock.now))
     stream = FrameStream()
     frame = writer().frame("HEARTBEAT")
     with Recorder(tmp_path / "r.tlog", clock=clock) as recorder:
-        for _ in range(26):
+        for count in range(1, 27):
             clock.now += 0.125
             recorder.write(stream.feed(frame, 0))
+            turned(recorder, clock, lambda count=count: len(synced) == count // 8)
         assert synced == [101.0, 102.0, 103.0]
     assert synced[3:] == [103.25]
+
+
+def test_a_slow_disk_is_not_waited_for(
+    writer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every second filter and reception stood still until the disk had it."""
+    clock, stream, begun, slow, done = Clock(), FrameStream(), [], threading.Event(), []
+
+    def put() -> None:
+        begun.append(clock.now)
+        assert slow.wait(PATIENCE_S)
+        done.append(clock.now)
+
+    disk(monkeypatch, put)
+    frame, path = writer().frame("HEARTBEAT"), tmp_path / "r.tlog"
+    with Recorder(path, clock=clock) as recorder:
+        for _ in range(40):
+            clock.now += 0.125
+            recorder.write(stream.feed(frame, 0))
+        turned(recorder, clock, lambda: bool(begun))
+        assert done == [], "it goes on while the disk has not come back"
+        assert len(begun) == 1, "and does not pile up"
+        assert len(tlog.frames(path.read_bytes())) == 40
+        slow.set()
+        turned(recorder, clock, lambda: len(begun) == 2)
+    assert len(done) == 2, "what came meanwhile was put there, and at the end nothing was left"
+
+
+def test_a_disk_that_fails_behind_the_scenes_is_told_with_the_next_turn(
+    writer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, stream, failed = Clock(), FrameStream(), threading.Event()
+
+    def put() -> None:
+        failed.set()
+        raise OSError(5, "Input/output error")
+
+    disk(monkeypatch, put)
+    recorder = Recorder(tmp_path / "r.tlog", clock=clock)
+    clock.now += 1.0
+    recorder.write(stream.feed(writer().frame("HEARTBEAT"), 0))
+    assert failed.wait(PATIENCE_S)
+    with pytest.raises(SourceError, match=r"recording failed \(Input/output error\).*--resume"):
+        turned(recorder, clock, lambda: False)
+    recorder.close()
 
 
 def test_a_recording_is_never_overwritten_but_continued(writer: type, tmp_path: Path) -> None:
