@@ -258,6 +258,8 @@ def test_in_mavproxy_beside_a_simulated_vehicle(console: Console, tmp_path: Path
         assert time.monotonic() < until
         time.sleep(0.2)
     console.ask("sysid status", " frames, ")
+    console.type("sysid suggest")
+    console.expect("sysid: the flight goes on: `sysid stop`")
     console.type("module unload gcs_sysid.mavproxy")
     console.expect("Unloaded module gcs_sysid.mavproxy")
     size = recording.stat().st_size

@@ -199,6 +199,7 @@ def _resumed(recorder: Recorder, station: Station, out: Path) -> str:
     if not path.exists():
         return f"{words}; there is no snapshot of the model, it begins anew"
     restored = snapshot.restore(path, station.model, station.processes)
+    station.decoder.remember(restored.parameters)
     if not restored.processes:
         words += "; the Gaussian processes begin anew"
     if found.last_us is None:
@@ -257,6 +258,7 @@ def _publishing(
                     station.processes,
                     time_us=link_us,
                     updates=station.updates,
+                    parameters=station.decoder.parameters,
                 )
             )
 

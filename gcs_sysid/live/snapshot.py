@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,6 +21,8 @@ SCHEMA = 2
 EVERY_S = 5.0
 """A snapshot is taken so often [s]: this much of the model a killed program loses."""
 _SCHEMA, _TIME, _UPDATES, _STRUCTURE = "schema", "time_us", "updates", "structure"
+_PARAMETER = "parameter."
+_NONE: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -30,17 +33,33 @@ class Restored:
         time_us: when it was taken [µs since 1970].
         updates: after how many.
         processes: whether the processes go on too.
+        parameters: of the autopilot: it tells them seldom, and a program that begins anew would
+            read its samples otherwise.
     """
 
     time_us: int
     updates: int
     processes: bool
+    parameters: Mapping[str, float]
 
 
 def taken(
-    model: RunningModel, processes: Processes, *, time_us: int, updates: int
+    model: RunningModel,
+    processes: Processes,
+    *,
+    time_us: int,
+    updates: int,
+    parameters: Mapping[str, float] = _NONE,
 ) -> dict[str, np.ndarray]:
-    """What first model and processes know now; what they learn later changes nothing in it."""
+    """What first model and processes know now; what they learn later changes nothing in it.
+
+    Args:
+        model: the first model.
+        processes: beside it.
+        time_us: of the newest state [µs since 1970].
+        updates: so far.
+        parameters: of the autopilot, by which samples were read.
+    """
     known = {**model.state(), **processes.state()}
     return {
         **{name: value.copy() for name, value in known.items()},
@@ -48,6 +67,7 @@ def taken(
         _TIME: np.array(time_us),
         _UPDATES: np.array(updates),
         _STRUCTURE: np.array(model.structure),
+        **{f"{_PARAMETER}{name}": np.array(value) for name, value in parameters.items()},
     }
 
 
@@ -83,9 +103,17 @@ def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:
     try:
         model.restore(arrays)
         gone_on = processes.restore(arrays)
-        return Restored(int(arrays[_TIME]), int(arrays[_UPDATES]), gone_on)
+        return Restored(
+            int(arrays[_TIME]), int(arrays[_UPDATES]), gone_on, dict(_parameters(arrays))
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise _damaged(path, error) from error
+
+
+def _parameters(arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[str, float]]:
+    for name, value in arrays.items():
+        if name.startswith(_PARAMETER):
+            yield name.removeprefix(_PARAMETER), float(value)
 
 
 def _read(path: Path) -> Mapping[str, np.ndarray]:

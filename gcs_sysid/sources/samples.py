@@ -155,6 +155,11 @@ class SampleDecoder:
         self.can = CanSamples()
         self._streams: set[str] = set()
 
+    def remember(self, parameters: Mapping[str, float]) -> None:
+        """Takes note of parameters that were told before; of those that are wanted."""
+        # Whoever sends thousands of names must not fill the memory.
+        self.parameters |= {n: value for n, value in parameters.items() if n in self._watched}
+
     def samples(self, batch: Batch) -> list[Sample]:
         """The vehicle's samples in a batch, in the order of arrival; none before it is known."""
         arrived = self._arrived(batch)
@@ -201,9 +206,7 @@ class SampleDecoder:
         if self.vehicle is None or not self._ours(key):
             return []
         if key.name == "PARAM_VALUE":
-            told = told_parameters(table.subset(np.array([row])), self.vehicle)
-            # Whoever sends thousands of names must not fill the memory.
-            self.parameters |= {n: value for n, value in told.items() if n in self._watched}
+            self.remember(told_parameters(table.subset(np.array([row])), self.vehicle))
         return [self._sample(key, table, row)]
 
     def _from_bus(self, table: MessageTable, row: int) -> list[Sample]:

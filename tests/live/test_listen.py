@@ -26,8 +26,11 @@ from gcs_sysid.live.listen import Ending, Options
 from gcs_sysid.live.session import Clock
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents, identify
+from gcs_sysid.reconstruct import inertial_filter
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.link import Link
+from gcs_sysid.sources.recorder import Recorder
+from gcs_sysid.sources.stream import FrameStream
 
 MICRO = 1e-6
 PATIENCE_S = 60.0
@@ -335,6 +338,26 @@ def test_a_recording_is_never_overwritten_but_continued_when_asked(hear) -> None
     with pytest.raises(SourceError, match="exists already"):
         hear()
     assert len(recorded(hear(resume=True).recording)) == 100
+
+
+def test_samples_are_read_as_before_the_kill(hear, aircraft, compiled, tmp_path) -> None:
+    """The autopilot told its filter once: after `--resume` samples lay 11 ms later than before."""
+    recording = hear().recording
+    told = {inertial_filter.GYRO: 20.0}
+
+    def station() -> Station:
+        return Station(aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0)
+
+    before, after = station(), station()
+    arrays = snapshot.taken(
+        before.model, before.processes, time_us=1, updates=1, parameters=told | {"OTHER": 1.0}
+    )
+    snapshot.write(tmp_path / snapshot.NAME, arrays)
+    with Recorder(recording, append=True) as recorder:
+        listen._resumed(recorder, after, tmp_path)
+    assert after.decoder.parameters == told
+    after.receive(FrameStream().feed(b"", 0))
+    assert after.rows.inertial_delay == inertial_filter.delay(20.0)
 
 
 def test_a_link_that_the_other_end_closes_is_opened_again(aircraft, played, tmp_path) -> None:

@@ -268,11 +268,14 @@ def test_the_model_goes_on_as_it_was_kept(
     listened, aircraft: Aircraft, compiled: Compiled, tmp_path: Path
 ) -> None:
     path, kept = tmp_path / snapshot.NAME, listened.station.model
-    snapshot.write(path, snapshot.taken(kept, listened.station.processes, time_us=1234, updates=77))
+    told = {inertial_filter.GYRO: 20.0}
+    processes = listened.station.processes
+    arrays = snapshot.taken(kept, processes, time_us=1234, updates=77, parameters=told)
+    snapshot.write(path, arrays)
     again = RunningModel(aircraft, compiled.regressors, None)
     assert again.estimates() == {}
     processes = Processes(aircraft, believing=False)
-    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77, True)
+    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77, True, told)
     assert processes.count == listened.station.processes.count > 0
     assert kept.estimates()
     assert again.estimates() == kept.estimates()
