@@ -78,9 +78,7 @@ class Station:
         observer: Callable[[Estimate | Samples], None] | None = None,
     ) -> None:
         self.aircraft = aircraft
-        self.decoder = SampleDecoder(
-            vehicle=vehicle, watched=(inertial_filter.GYRO, inertial_filter.ACCELEROMETER)
-        )
+        self.decoder = SampleDecoder(vehicle=vehicle, watched=(inertial_filter.GYRO,))
         self.rows = RowMaker(aircraft)
         self.filter = LiveFilter(aircraft)
         self.commands = Commands(aircraft, compiled.maps)

@@ -45,7 +45,7 @@ class Recorder(Closing):
 
     Each batch is handed to the operating system at once, and to the disk every second by a thread
     of its own, so that a slow disk is not waited for: a program that is killed loses nothing, a
-    computer that loses power a second and what the disk took.
+    computer that loses power what came in the last second, or since a slow disk began with more.
 
     Args:
         path: file to write; when it grows beyond `part_bytes` it is renamed to `NAME-001.tlog` and
@@ -162,15 +162,15 @@ class Recorder(Closing):
         Raises:
             SourceError: the file cannot be written.
         """
+        if self._file.closed:
+            return
         try:
-            self._wait()
-            if not self._file.closed and self._dirty:
-                _to_disk(self._file)
-            self._file.close()
+            with self._disk, self._file:
+                self._wait()
+                if self._dirty:
+                    _to_disk(self._file)
         except OSError as error:
             raise self._failed(error) from error
-        finally:
-            self._disk.shutdown()
 
     def _begin_part(self) -> None:
         self._wait()

@@ -101,7 +101,7 @@ def disk(monkeypatch: pytest.MonkeyPatch, put: Callable[[], None]) -> None:
     monkeypatch.setattr("os.fsync", lambda _descriptor: put())
 
 
-def turned(recorder: Recorder, clock: Clock, until: Callable[[], bool]) -> None:
+def turned(recorder: Recorder, until: Callable[[], bool]) -> None:
     """Goes on as `listen` does, without time going on, until the disk's thread has come to it."""
     end = time.monotonic() + PATIENCE_S
     while not until():
@@ -121,7 +121,7 @@ def test_it_reaches_the_disk_every_second(
         for count in range(1, 27):
             clock.now += 0.125
             recorder.write(stream.feed(frame, 0))
-            turned(recorder, clock, lambda count=count: len(synced) == count // 8)
+            turned(recorder, lambda count=count: len(synced) == count // 8)
         assert synced == [101.0, 102.0, 103.0]
     assert synced[3:] == [103.25]
 
@@ -143,12 +143,12 @@ def test_a_slow_disk_is_not_waited_for(
         for _ in range(40):
             clock.now += 0.125
             recorder.write(stream.feed(frame, 0))
-        turned(recorder, clock, lambda: bool(begun))
+        turned(recorder, lambda: bool(begun))
         assert done == [], "it goes on while the disk has not come back"
         assert len(begun) == 1, "and does not pile up"
         assert len(tlog.frames(path.read_bytes())) == 40
         slow.set()
-        turned(recorder, clock, lambda: len(begun) == 2)
+        turned(recorder, lambda: len(begun) == 2)
     assert len(done) == 2, "what came meanwhile was put there, and at the end nothing was left"
 
 
@@ -167,7 +167,24 @@ def test_a_disk_that_fails_behind_the_scenes_is_told_with_the_next_turn(
     recorder.write(stream.feed(writer().frame("HEARTBEAT"), 0))
     assert failed.wait(PATIENCE_S)
     with pytest.raises(SourceError, match=r"recording failed \(Input/output error\).*--resume"):
-        turned(recorder, clock, lambda: False)
+        turned(recorder, lambda: False)
+    recorder.close()
+
+
+def test_a_disk_that_fails_at_the_last_moment_is_told_and_the_file_closed(
+    writer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, stream = Clock(), FrameStream()
+
+    def put() -> None:
+        raise OSError(5, "Input/output error")
+
+    disk(monkeypatch, put)
+    recorder = Recorder(tmp_path / "r.tlog", clock=clock)
+    clock.now += 1.0
+    recorder.write(stream.feed(writer().frame("HEARTBEAT"), 0))
+    with pytest.raises(SourceError, match="Input/output error"):
+        recorder.close()
     recorder.close()
 
 
