@@ -23,7 +23,7 @@ HERE = Path(__file__).parent
 REPLAY = HERE.parent / "replay"
 SIZES = {"screen": (1200, 900), "phone": (400, 860)}
 THEMES = ("light", "dark")
-SEEN_S = 55.0
+SEEN_S = 53.0
 """Of the flight: a maneuver is in progress, and the elevator has been found to be weak."""
 
 

@@ -69,7 +69,7 @@ def suspects(aircraft: Aircraft) -> Iterator[Suspect]:
         yield Suspect(cause, f"{name}0", {(name, regressors.CONSTANT): 1.0}, sigma, "1")
     for at, value in file.items():
         if at[1] != regressors.CONSTANT:
-            yield Suspect("aero_derivative", f"{at[0]}_{at[1]}", {at: abs(value)}, 0.3, "1")
+            yield Suspect("aero_derivative", f"{at[0]}_{at[1]}", {at: value}, 0.3, "1")
 
 
 def _scaled(

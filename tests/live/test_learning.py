@@ -74,6 +74,15 @@ def test_a_cause_is_found_with_its_size(
     assert found[0].deviation < 0.5 * abs(size)
 
 
+def test_a_derivative_that_is_weaker_is_told_as_less_of_it(believed: Aircraft) -> None:
+    """Of a negative one the page said +33 %, where `diagnose` finds a ratio of 0.67."""
+    value = believed.aerodynamics["Cm"].terms["qhat"].value
+    assert value < 0.0
+    found = likely(believed, solutions(believed, {("Cm", "qhat"): -0.3 * value}))
+    assert (found[0].suspect.cause, found[0].suspect.about) == ("aero_derivative", "Cm_qhat")
+    assert abs(found[0].size + 0.3) < 2.0 * found[0].deviation
+
+
 def test_what_no_cause_explains_has_none(believed: Aircraft) -> None:
     """On a real flight slopes were half of the file's: airspeed 30 % wrong was said to be sure."""
     moved = {

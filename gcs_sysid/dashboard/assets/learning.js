@@ -33,7 +33,7 @@ function maneuver(live) {
   at("gauge").value = one ? one.learned : 0;
   at("gauge-share").textContent = one ? `${(100 * one.learned).toFixed(0)} % learned` : "";
   at("gauge-rows").replaceChildren(...(one ? one.gauge : []).map(row => cell("span",
-    `${row.derivative} ${told(row.value, row.sd)} (wanted ± ${(BAND * row.sd_wanted).toPrecision(2)})`, "term")));
+    `${row.derivative} ${told(row.value, row.sd)} (wanted\u00a0±\u00a0${(BAND * row.sd_wanted).toPrecision(2)})`, "term")));
 }
 function chooser(live) {
   const first = (live.map.planes[0] || { share_of_spread: {} }).share_of_spread, names = Object.keys(first);
