@@ -10,6 +10,7 @@ import base64
 import textwrap
 from dataclasses import dataclass
 from html import escape
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -51,7 +52,7 @@ def specification(figure: Figure) -> dict:
     for number, (panel, domain) in enumerate(zip(figure.panels, domains, strict=True), start=1):
         layout[_key("yaxis", number)] = _y_axis(panel, domain)
         layout["annotations"] += _heading(panel, domain[1], number) + _refusal(panel, domain)
-        layout["shapes"] += [_rule(rule, number) for rule in panel.rules]
+        layout["shapes"] += _rules(panel.rules, number)
         data += [_band(band, number) for band in panel.bands]
         data += [_series(series, number, panel.y.unit, figure.size) for series in panel.series]
     layout["shapes"] += [_span(span, flag=_FLAG / inner) for span in figure.spans]
@@ -268,7 +269,17 @@ def _refused_ground(domain: tuple[float, float]) -> dict:
     return {**ground, "fillcolor": token("raised")}
 
 
-def _rule(rule: Rule, number: int) -> dict:
+def _rules(rules: tuple[Rule, ...], number: int) -> list[dict]:
+    """Names of upright rules stand inside the panel, in turn above on the left, below on the right.
+
+    Two that are near each other so never share a place.
+    """
+    upright = sorted((rule for rule in rules if rule.axis == "x"), key=lambda rule: rule.value)
+    lower = upright[1::2]
+    return [_rule(rule, number, "start" if rule in lower else "end") for rule in rules]
+
+
+def _rule(rule: Rule, number: int, end: Literal["start", "end"]) -> dict:
     y_axis = _key("y", number)
     place = (
         {"xref": "x", "x0": rule.value, "x1": rule.value}
@@ -279,9 +290,13 @@ def _rule(rule: Rule, number: int) -> dict:
     )
     label = {
         "text": "" if rule.name == "limit" else escape(rule.name),
-        "textposition": "end",
+        "textposition": end,
         "font": {"size": 11, "color": token("muted")},
     }
+    if rule.axis == "x":
+        # By itself plotly.js centres the text of an upright line on the line's end.
+        sides = {"end": ("right", "bottom"), "start": ("left", "top")}
+        label["xanchor"], label["yanchor"] = sides[end]
     return {
         "type": "line",
         "layer": "above" if rule.name else "below",

@@ -151,3 +151,17 @@ def test_spread_names_keep_their_order_and_distance(places: list[float], gap: fl
     assert all(new >= old for new, old in zip(moved, places, strict=True))
     # A rounding of the sum of two numbers up to a few hundred.
     assert all(b - a >= gap - 1e-9 for a, b in itertools.pairwise(moved))
+
+
+def test_names_of_upright_rules_stay_inside_the_panel_and_neighbours_apart() -> None:
+    """They had stood above it, over its heading, and over each other."""
+    rules = tuple(Rule("x", value, name) for value, name in ((2.0, "b"), (1.0, "a"), (2.1, "c")))
+    panel = Panel(y=Axis("sd", "%", (0.0, 1.0)), rules=(Rule("y", 0.5, "asked for"), *rules))
+    shapes = specification(figure(panels=(panel,), spans=()))["layout"]["shapes"]
+    places = {
+        shape["label"]["text"]: (shape["label"]["textposition"], shape["label"].get("xanchor"))
+        for shape in shapes
+    }
+    assert places["a"] == places["c"] == ("end", "right")
+    assert places["b"] == ("start", "left")
+    assert places["asked for"] == ("end", None)
