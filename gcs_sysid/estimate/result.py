@@ -30,7 +30,8 @@ class CoefficientFit:
         covariance: of `value`: coloured residuals, scale errors, regressor errors, prior.
         flight_value: what the flight alone says.
         deviations: one standard deviation of `flight_value` by origin: `noise` (coloured
-            residuals), `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles).
+            residuals), `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles);
+            inside the filter also `lag` (of the moments behind the surfaces).
         white_deviation: what textbook least squares would claim.
         repeated_covariance: of `value` for use at regressors measured in the same way as those it
             was fitted on: without the part of regressor errors, which then repeat themselves.

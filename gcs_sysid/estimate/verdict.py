@@ -61,9 +61,12 @@ def blurred(fits: Iterable[CoefficientFit]) -> bool:
 
 def _reason(fit: CoefficientFit, index: int, parts: dict[str, float]) -> str:
     key = fit.keys[index]
-    if max(parts, key=lambda name: parts[name]) == "regressor":
+    largest = max(parts, key=lambda name: parts[name])
+    if largest == "regressor":
         return BLURRED
-    if max(parts, key=lambda name: parts[name]) == "scale":
+    if largest == "lag":
+        return "the lag of the moments behind the surfaces is not known well enough"
+    if largest == "scale":
         return "mass, inertia or thrust are not known well enough"
     partner = collinear_with(fit, index)
     if partner is not None:

@@ -12,6 +12,7 @@ _SOURCES = {
     "sd_noise": "noise",
     "sd_scale": "mass, inertia and thrust",
     "sd_regressor": "flow angles and rates",
+    "sd_lag": "lag of the moments",
 }
 
 

@@ -267,7 +267,8 @@ def _move(
         thrust=_push(aircraft, speed, now.settings, density),
     )
     step = jnp.asarray(STEP, dtype=speed.dtype)
-    ahead = rigid_body.advance(aircraft, values, now.state, given, given, step)
+    first = rigid_body.accelerated(values, now.state, acting)
+    ahead = rigid_body.advance(aircraft, values, now.state, given, given, step, first=first)
     asked = jnp.concatenate([commanded[None], now.asked[:-1]])
     settings = _throttled(aircraft, own.settings, now.settings, added[-1])
     return _Motion(ahead, _followed(aircraft, now.surfaces, asked), asked, settings), seen

@@ -1,12 +1,13 @@
 """What a maneuver would teach: the model's uncertainty before and after it.
 
-A fit's uncertainty has three parts with laws of their own (see `estimate.equation_error`):
+A fit's uncertainty has parts with laws of their own (see `estimate.equation_error`, and
+`estimate.inside_filter`):
 
 - noise of the measurement: (N⁻¹ + XᵀX/v)⁻¹ once rows X are added, v their variance;
 - errors of the regressors, which gusts make: they pull a term by e/(1 − e) of its value, e being
   the errors' share of what was seen of it. More of the same changes nothing; larger motion makes
   the share smaller, so that it falls with the noise variance and grows with the number of rows;
-- errors of mass, inertia and thrust: they stay.
+- errors of mass, inertia and thrust, and of the moments' lag, which all flights share: they stay.
 
 What was known before the flights is weighed in again.
 """
@@ -143,20 +144,21 @@ def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term ter
     Deviations follow the laws of the module, correlations stay as they are.
     """
     now = np.diagonal(fit.covariance)
-    noise, scale, regressor = (
+    noise, scale, lag, regressor = (
         np.asarray(fit.deviations.get(name, np.zeros(now.size))) ** 2
-        for name in ("noise", "scale", "regressor")
+        for name in ("noise", "scale", "lag", "regressor")
     )
-    raw = noise + scale + regressor
+    stays = scale + lag
+    raw = noise + stays + regressor
     believed = np.maximum(1.0 / np.maximum(now, 1e-300) - 1.0 / np.maximum(raw, 1e-300), 0.0)
     root = np.sqrt(np.maximum(now, 1e-300))
     correlated = fit.covariance / np.outer(root, root)
-    if not np.any(regressor) and not np.any(scale) and not np.any(believed > 1e-9 / now):
+    if not np.any(regressor) and not np.any(stays) and not np.any(believed > 1e-9 / now):
         return updated(fit.covariance, added.information)
     start = np.sqrt(noise)
     later = np.diagonal(updated(correlated * np.outer(start, start), added.information))
     pulled = _pulled(fit, np.sqrt(regressor), later / np.maximum(noise, 1e-300), added.samples)
-    after = 1.0 / (1.0 / np.maximum(later + scale + pulled**2, 1e-300) + believed)
+    after = 1.0 / (1.0 / np.maximum(later + stays + pulled**2, 1e-300) + believed)
     # Rounding must not make knowledge shrink, and a prior's share is counted once.
     size = np.sqrt(np.minimum(after, now))
     return correlated * np.outer(size, size)

@@ -126,7 +126,11 @@ def derivative(aircraft: Aircraft, values: Parameters, state: State, inputs: Inp
         state: one state.
         inputs: what acts on it.
     """
-    acting = loads(aircraft, values, state, inputs)
+    return accelerated(values, state, loads(aircraft, values, state, inputs))
+
+
+def accelerated(values: Parameters, state: State, acting: Loads) -> State:
+    """The same under forces and moments that are known: `loads` there."""
     turning = frames.cross(state.rate, values.inertia @ state.rate)
     gravity = jnp.array([0.0, 0.0, GRAVITY])
     return State(
@@ -239,6 +243,8 @@ def advance(
     before: Inputs,
     after: Inputs,
     step: Float[Array, ""],
+    *,
+    first: State | None = None,
 ) -> State:
     """State one step later by the classical Runge–Kutta scheme.
 
@@ -250,6 +256,7 @@ def advance(
         after: inputs at its end; linear between.
         step: its length [s], a third of the fastest time constant at most. The roll mode of a small
             aircraft is 40 to 50 ms.
+        first: `derivative` at the beginning, where it is known already.
     """
     given = jax.tree.map(
         lambda one, other: jnp.stack([one, 0.5 * (one + other), other]), before, after
@@ -258,7 +265,7 @@ def advance(
     def slope(at: State, when: Int[Array, ""]) -> State:
         return derivative(aircraft, values, at, jax.tree.map(lambda part: part[when], given))
 
-    ahead = runge_kutta.advance(slope, state, step)
+    ahead = runge_kutta.advance(slope, state, step, first=first)
     # The scheme keeps the quaternion's length only to its order.
     length = jnp.sqrt(jnp.sum(ahead.attitude * ahead.attitude))
     return ahead._replace(attitude=ahead.attitude / length)

@@ -49,6 +49,9 @@ def _locate(
 ) -> tuple[Int[Array, "*sample"], Float[Array, "*sample"]]:
     """Index of the cell that holds `x`, and how far into it `x` lies (0 to 1)."""
     x, breakpoints = jnp.asarray(x), jnp.asarray(breakpoints)
-    cell = jnp.clip(jnp.searchsorted(breakpoints, x, side="right") - 1, 0, breakpoints.shape[0] - 2)
+    # Tables are short: counting the breakpoints below is a tenth of the time of a search in halves,
+    # which is a loop of its own inside every step of a flight.
+    below = jnp.searchsorted(breakpoints, x, side="right", method="compare_all")
+    cell = jnp.clip(below - 1, 0, breakpoints.shape[0] - 2)
     share = (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
     return cell, jnp.clip(share, 0.0, 1.0)

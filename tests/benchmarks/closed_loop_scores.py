@@ -1,10 +1,11 @@
 """What a flight brought: error and deviation of the moments' derivatives, and limits that it broke.
 
-Of a deviation only what a flight can change counts: noise and errors of the regressors. The hidden
+What a flight can change of a deviation is told apart: noise, errors of the regressors. The hidden
 aircraft has the file's mass and inertia, but nobody is told that: each derivative of a moment stays
-as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown. Errors and
-deviations are those of what was believed before and what the flights say together; the ratio to
-what was foretold is of what the flights say alone.
+as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown. The same goes,
+inside the filter, for what the moments' lag may be off by. Errors and deviations are those of what
+was believed before and what the flights say together; the ratio to what was foretold is of what the
+flights say alone.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def score(
         foretold: deviations by `foretell`; the ratio to them is a median.
         inside_filter: whether the filter found the model.
     """
-    errors, deviations, ratios = [], [], []
+    errors, deviations, lasting, ratios = [], [], [], []
     for name, keys in PRIMARY.items():
         fit = model.fits.get(name)
         for key in keys:
@@ -58,12 +59,14 @@ def score(
             true = real.aerodynamics[name].terms[key].value
             errors.append(abs(float(fit.value[index]) - true) / abs(true))
             reached = _without_scale(fit, inside_filter=inside_filter)
-            deviations.append(float(reached[index]) / abs(true))
+            lasting.append(float(reached[index]) / abs(true))
+            deviations.append(lasting[-1] * float(_noisy(fit)[index]))
             if foretold is not None:
                 ratios.append(float(changeable(fit)[index]) / foretold[name][key])
     return {
         "error": float(np.mean(errors)),
         "sd": float(np.mean(deviations)),
+        "sd_with_lag": float(np.mean(lasting)),
         "ratio": float(np.median(ratios)) if ratios else None,
     }
 
@@ -86,17 +89,23 @@ def _without_scale(fit: CoefficientFit, *, inside_filter: bool) -> np.ndarray:
     return np.sqrt(1.0 / (1.0 / changeable(fit) ** 2 + _believed(fit)))
 
 
+def _noisy(fit: CoefficientFit) -> np.ndarray:
+    """Part of a deviation without mass and inertia that the lag has not made."""
+    noise = changeable(fit)
+    return noise / np.maximum(np.hypot(noise, fit.deviations.get("lag", 0.0)), 1e-300)
+
+
 def _believed(fit: CoefficientFit) -> np.ndarray:
     """What was believed of each term before the flights: one over its variance."""
-    raw = changeable(fit) ** 2 + np.asarray(fit.deviations.get("scale", 0.0)) ** 2
+    raw = changeable(fit) ** 2 + _staying(fit)
     return np.maximum(1.0 / np.diagonal(fit.covariance) - 1.0 / raw, 0.0)
 
 
 def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
     """The same deviations once these maneuvers were flown, as `suggest` reckons.
 
-    It tells whole variances, 1/(1/(c² + s²) + p): c is what a flight can change, s by mass and
-    inertia, p what was believed. The first is told from these.
+    It tells whole variances, 1/(1/(c² + s²) + p): c is what a flight can change, s by mass, inertia
+    and lag, p what was believed. The first is told from these.
     """
     known = information.nothing(model)
     for more in flown:
@@ -108,9 +117,13 @@ def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
 
 
 def _later(fit: CoefficientFit, added: Added) -> np.ndarray:
-    scale = np.asarray(fit.deviations.get("scale", 0.0)) ** 2
     after = np.diagonal(information.covariance(fit, added))
-    return np.sqrt(np.maximum(1.0 / (1.0 / after - _believed(fit)) - scale, 1e-300))
+    return np.sqrt(np.maximum(1.0 / (1.0 / after - _believed(fit)) - _staying(fit), 1e-300))
+
+
+def _staying(fit: CoefficientFit) -> np.ndarray:
+    """Variance of each term by what no flight takes away."""
+    return sum(np.asarray(fit.deviations.get(one, 0.0)) ** 2 for one in ("scale", "lag"))
 
 
 def excursions(

@@ -172,6 +172,26 @@ def test_of_ailerons_that_never_moved_the_belief_comes_back_and_is_told_to_be_on
     assert verdict.judge(told.fits["Cm"], elevator, None).answer == "yes"
 
 
+def test_what_the_lag_leaves_open_is_told_apart_from_noise(found) -> None:
+    """Together they are what the posterior holds of a derivative that the flight tells."""
+    mean, sigma = as_terms(lambda key: False)
+    before = aided_fit._believed(mean, sigma, AIRCRAFT, body=False)
+    after = aided_fit._after(before, found)
+    told = inside_filter.model(
+        after,
+        [measured(found)],
+        AIRCRAFT,
+        {name: tuple(sorted(terms)) for name, terms in TERMS.items()},
+        [np.zeros(made.COUNT, dtype=int)],
+    )
+    fit = told.fits["Cm"]
+    elevator, row = fit.keys.index("elevator"), KEYS.index(("Cm", "elevator"))
+    noise, lag, scale = (fit.deviations[one][elevator] for one in ("noise", "lag", "scale"))
+    assert lag == pytest.approx(abs(after.late[row]), rel=0.01)
+    assert noise > 0.0
+    assert np.sqrt(noise**2 + lag**2 + scale**2) == pytest.approx(fit.deviation[elevator], rel=0.01)
+
+
 def as_terms(
     sure: Callable[[tuple[str, str]], bool],
 ) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:

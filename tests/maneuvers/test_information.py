@@ -86,6 +86,17 @@ def test_errors_of_inertia_stay_however_much_is_flown() -> None:
         assert found.derivatives[key][1] == pytest.approx(scale[index], rel=1e-2)
 
 
+def test_a_lag_that_all_flights_share_stays_too() -> None:
+    """It had counted as noise, and a sortie was foretold to take it away."""
+    lag = 0.02 * np.abs(VALUE)
+    fit = fitted(COVARIANCE + np.outer(lag, lag), np.zeros(2))
+    model = AeroModel({"Cm": replace(fit, deviations={**fit.deviations, "lag": lag})}, ())
+    much = {name: np.tile(value, 10000) for name, value in VALUES.items()}
+    found = gain(model, much, information.SAMPLE)
+    for index, key in enumerate(KEYS):
+        assert found.derivatives[key][1] == pytest.approx(lag[index], rel=1e-2)
+
+
 def test_a_prior_that_knows_the_inertia_better_is_not_forgotten() -> None:
     model = AeroModel({"Cm": fitted(COVARIANCE, 10.0 * np.abs(VALUE))}, ())
     found = gain(model, VALUES, information.SAMPLE)
