@@ -25,6 +25,11 @@ ATTITUDE = 0.15
 """Of the attitude loop around it."""
 YAW = 0.5
 """Of the yaw damper, over the rate loop's."""
+INTEGRAL = 0.25
+"""Of the integral of the pitch rate's error, where an autopilot has one: over the same 1/(lag +
+delay), of the pitch rate that a deflection makes once the short period is over."""
+LEAST_ANSWER = 0.01
+"""Of that pitch rate over the first angular acceleration [s]: less is taken as so much."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +49,15 @@ class Linear:
         dynamics: [1/s and the like].
         inputs: of the controls, and last of the throttle of all engines together.
         gain: controls = −gain·deviation is the attitude hold.
+        winding: rate of change of the integral of the pitch rate's error, −winding·deviation.
+        unwinding: of the controls by that integral.
     """
 
     dynamics: Float[np.ndarray, "eight eight"]
     inputs: Float[np.ndarray, "eight input"]
     gain: Float[np.ndarray, "control eight"]
+    winding: Float[np.ndarray, " eight"]
+    unwinding: Float[np.ndarray, " control"]
 
     def natural_frequency(self, *, lateral: bool) -> float:
         """Of the fastest oscillation of one motion [rad/s]; 0 where none oscillates."""
@@ -90,7 +99,15 @@ def linearised(aircraft: Aircraft, trim: Trim) -> Linear:
     dynamics, control = (
         np.asarray(value) for value in jax.jit(jax.jacfwd(rate, argnums=(0, 1)))(zero, still)
     )
-    return Linear(dynamics, control, _attitude_hold(aircraft, trim, control[:, :-1]))
+    effect = control[:, :-1]
+    given = _given_axes(effect)
+    return Linear(
+        dynamics,
+        control,
+        given @ _wanted(aircraft, trim)[: given.shape[1]],
+        _winding(aircraft, dynamics, effect @ given[:, 1]),
+        given[:, 1],
+    )
 
 
 def lag(aircraft: Aircraft) -> float:
@@ -98,13 +115,16 @@ def lag(aircraft: Aircraft) -> float:
     return max((servo.delay + servo.time_constant for servo in aircraft.servos), default=0.0)
 
 
-def _attitude_hold(
-    aircraft: Aircraft, trim: Trim, effect: Float[np.ndarray, "eight control"]
-) -> Float[np.ndarray, "control eight"]:
-    """Gains of an autopilot whose bandwidths are shares of what its servos allow.
+def _given_axes(effect: Float[np.ndarray, "eight control"]) -> Float[np.ndarray, "control axis"]:
+    """Controls by angular acceleration; without a third control yaw is left to the aircraft."""
+    axes = [3, 4, 5] if effect.shape[1] > 2 else [3, 4]
+    return np.linalg.pinv(effect[axes])
 
-    Roll and pitch angles command rates, rates command angular accelerations, and the controls that
-    make these follow from the model. Without a third control yaw is left to the aircraft.
+
+def _wanted(aircraft: Aircraft, trim: Trim) -> Float[np.ndarray, "axis eight"]:
+    """Angular accelerations by deviation, less: of an autopilot as fast as its servos allow.
+
+    Roll and pitch angles command rates, and rates command angular accelerations.
     """
     fast = RATE / (lag(aircraft) + PERIOD)
     slow = ATTITUDE / (lag(aircraft) + PERIOD)
@@ -112,8 +132,27 @@ def _attitude_hold(
     wanted[0, 3], wanted[0, 6] = fast, fast * slow
     wanted[1, 4], wanted[1, 7] = fast, fast * slow
     wanted[2, 5], wanted[2, 6] = YAW * fast, -YAW * fast * GRAVITY / trim.airspeed
-    axes = [0, 1, 2] if effect.shape[1] > 2 else [0, 1]
-    return np.linalg.pinv(effect[3:6][axes]) @ wanted[axes]
+    return wanted
+
+
+def _winding(
+    aircraft: Aircraft,
+    dynamics: Float[np.ndarray, "eight eight"],
+    pushed: Float[np.ndarray, " eight"],
+) -> Float[np.ndarray, " eight"]:
+    """How fast the integral of the pitch rate's error grows, less, by deviation.
+
+    Args:
+        aircraft: whose servos limit it.
+        dynamics: small motions.
+        pushed: their rates by one unit of angular acceleration in pitch.
+    """
+    short = [2, 4]
+    steady = -np.linalg.solve(dynamics[np.ix_(short, short)], pushed[short])[1]
+    allowed = 1.0 / (lag(aircraft) + PERIOD)
+    found = np.zeros(8)
+    found[4], found[7] = 1.0, ATTITUDE * allowed
+    return INTEGRAL * allowed / max(abs(float(steady)), LEAST_ANSWER) * found
 
 
 def _rate(aircraft: Aircraft, values: Parameters, trim: Trim, change: Array, moved: Array) -> Array:

@@ -35,11 +35,9 @@ class Separation(Target):
     first: Direction
     second: Direction
 
-    def worth(self, model: AeroModel, known: Knowledge, more: Knowledge) -> float:
-        """What more rows are worth, see the module."""
-        later = {name: item.with_more(more[name]) for name, item in known.items()}
-        one, other = (apart(model, each, self.first, self.second) for each in (known, later))
-        return 0.5 * float(np.log(max(other, 1e-300) / max(one, 1e-300)))
+    def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
+        """Of the size of the first, see the module."""
+        return (1.0 / max(apart(model, known, self.first, self.second), 1e-300),)
 
 
 def separation(

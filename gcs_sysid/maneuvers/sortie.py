@@ -88,7 +88,13 @@ def poor(model: AeroModel) -> bool:
 
 
 def robust_worth(
-    target: Target, model: AeroModel, known: Knowledge, maneuver: Maneuver, *, share: float = 1.0
+    target: Target,
+    model: AeroModel,
+    known: Knowledge,
+    maneuver: Maneuver,
+    *,
+    share: float = 1.0,
+    before: Sequence[float] | None = None,
 ) -> float:
     """Worth of a maneuver, the mean over aircraft drawn from the posterior.
 
@@ -99,14 +105,20 @@ def robust_worth(
         _smaller({name: item[draw] for name, item in maneuver.each.items()}, share)
         for draw in range(count)
     ]
-    return float(np.mean([target.worth(model, known, more) for more in flights]))
+    if before is None:
+        before = target.variances(model, known)
+    return float(np.mean([target.worth(model, known, more, before=before) for more in flights]))
 
 
 def ranked(
     target: Target, model: AeroModel, known: Knowledge, maneuvers: Sequence[Maneuver]
 ) -> list[tuple[float, Maneuver]]:
     """Maneuvers by worth for their flight time, best first, with that worth [1/s]."""
-    scored = [(robust_worth(target, model, known, item) / cost(item), item) for item in maneuvers]
+    before = target.variances(model, known)
+    scored = [
+        (robust_worth(target, model, known, item, before=before) / cost(item), item)
+        for item in maneuvers
+    ]
     return sorted(scored, key=lambda pair: -pair[0])
 
 
@@ -159,13 +171,16 @@ def _best(
     What the mean information is worth is never less than the mean worth (Jensen), so that only the
     first few by that bound need be weighed aircraft by aircraft.
     """
-    bounds = [target.worth(model, known, item.knowledge()) / cost(item) for item in left]
+    before = target.variances(model, known)
+    bounds = [
+        target.worth(model, known, item.knowledge(), before=before) / cost(item) for item in left
+    ]
     order = sorted(range(len(left)), key=lambda place: -bounds[place])
     best, rate = left[order[0]], -np.inf
     for place in order:
         if bounds[place] <= rate:
             break
-        one = robust_worth(target, model, known, left[place]) / cost(left[place])
+        one = robust_worth(target, model, known, left[place], before=before) / cost(left[place])
         if one > rate:
             best, rate = left[place], one
     return best, rate * cost(best)

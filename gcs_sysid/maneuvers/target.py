@@ -8,7 +8,7 @@ worth log 2, whichever it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,23 +44,38 @@ class Target:
         """Coefficients that are asked about."""
         return tuple(self.questions)
 
-    def worth(self, model: AeroModel, known: Knowledge, more: Knowledge) -> float:
+    def worth(
+        self,
+        model: AeroModel,
+        known: Knowledge,
+        more: Knowledge,
+        *,
+        before: Sequence[float] | None = None,
+    ) -> float:
         """What more rows are worth, see the module.
 
         Args:
             model: whose fits the questions are about.
             known: what was added to these fits before.
             more: what is added now.
+            before: `variances` before; who asks about many maneuvers finds them once.
         """
-        total = 0.0
+        if before is None:
+            before = self.variances(model, known)
+        later = {name: known[name].with_more(more[name]) for name in self.coefficients}
+        after = self.variances(model, later)
+        return 0.5 * sum(
+            float(np.log(max(one, 1e-300) / max(other, 1e-300)))
+            for one, other in zip(before, after, strict=True)
+        )
+
+    def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
+        """What is asked about, once so much was added to the fits."""
+        found = []
         for name, forms in self.questions.items():
-            fit = model.fits[name]
-            before = information.covariance(fit, known[name])
-            later = information.covariance(fit, known[name].with_more(more[name]))
-            for form in forms:
-                one, other = np.sum(form * before), np.sum(form * later)
-                total += 0.5 * float(np.log(max(one, 1e-300) / max(other, 1e-300)))
-        return total
+            covariance = information.covariance(model.fits[name], known[name])
+            found += [float(np.sum(form * covariance)) for form in forms]
+        return tuple(found)
 
 
 def derivatives(model: AeroModel, coefficients: tuple[str, ...]) -> Target:

@@ -277,12 +277,14 @@ def _chosen(
     places = {item.name: at for item, at in candidates}
     known = information.nothing(model)
     pool = [item for item, _ in candidates]
+    # Weighed once: of these dozens only those that are proved smaller change.
+    rates = {item.name: rate for rate, item in sortie.ranked(target, model, known, pool)}
     proved: dict[str, Maneuver] = {}
     refused: list[Refusal] = []
     while True:
         plan = sortie.planned(target, model, pool, budget=budget)
-        best = sortie.ranked(target, model, known, pool)[:LISTED]
-        wanted = [step.maneuver for step in plan.steps] + [item for _, item in best]
+        best = sorted(pool, key=lambda item: -rates[item.name])[:LISTED]
+        wanted = [step.maneuver for step in plan.steps] + best
         open_ones = [item for item in wanted if item.name not in proved]
         if not open_ones:
             break
@@ -293,10 +295,11 @@ def _chosen(
             pool = [other for other in pool if other is not item]
         else:
             proved[item.name] = one
+            ((rates[item.name], _),) = sortie.ranked(target, model, known, [one])
             pool = [one if other is item else other for other in pool]
     kept = {item.name for item in wanted}
-    ranked = sortie.ranked(target, model, known, [item for item in pool if item.name in kept])
-    return ranked, plan, refused
+    ranked = [(rates[item.name], item) for item in pool if item.name in kept]
+    return sorted(ranked, key=lambda pair: -pair[0]), plan, refused
 
 
 def _wanted(question: Question, unsure: Mapping[str, Mapping[str, Any]]) -> bool:

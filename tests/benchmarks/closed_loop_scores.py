@@ -123,7 +123,8 @@ def _later(fit: CoefficientFit, added: Added) -> np.ndarray:
 
 def _staying(fit: CoefficientFit) -> np.ndarray:
     """Variance of each term by what no flight takes away."""
-    return sum(np.asarray(fit.deviations.get(one, 0.0)) ** 2 for one in ("scale", "lag"))
+    scale, lag = (np.asarray(fit.deviations.get(one, 0.0)) for one in ("scale", "lag"))
+    return scale**2 + lag**2
 
 
 def excursions(

@@ -121,6 +121,18 @@ def test_small_motions_are_those_of_the_linear_model(at) -> None:
     assert np.abs(np.linalg.eigvals(block)).max() < 1.0
 
 
+def test_pulses_go_further_where_the_autopilot_integrates(at) -> None:
+    """The integral winds up against the first pulse and adds to the one after it."""
+    added = pulses(at, 3.0)
+    added[10:60, 1], added[60:85, 1] = 0.04, -0.04
+    load = at.fly(at.fleet, added, np.zeros((LANES, 300, 6))).load_factor
+    first, second = load[:, 10:60], load[:, 60:100]
+    without, integrating = (flown.INTEGRATING == kind for kind in (0.0, 1.0))
+    down, up = (np.abs(part - 1.0).max(axis=1) for part in (first, second))
+    assert np.median(up[integrating]) > 1.1 * np.median(up[without])
+    assert np.median(down[integrating]) < np.median(down[without])
+
+
 def test_a_servo_is_late_and_slow(at) -> None:
     """δ(t) = u (1 − e^(−(t − delay)/τ))."""
     added = pulses(at, 1.0)
