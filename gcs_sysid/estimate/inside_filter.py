@@ -122,14 +122,12 @@ class _Alone(NamedTuple):
 
     Attributes:
         value: of each.
-        noise: variance of each, body and lag known.
-        lag: what each goes by where the lag of the moments is off by what is allowed for.
+        noise: variance of each, with body and lag known.
         body: variance that the body's adds; None where the body was not sought.
     """
 
     value: Float[np.ndarray, " key"]
     noise: Float[np.ndarray, " key"]
-    lag: Float[np.ndarray, " key"]
     body: Float[np.ndarray, " key"] | None
 
 
@@ -144,14 +142,13 @@ def _of_flight(
     # What is believed of the body stays: no flight tells mass from thrust.
     seen = found.said.information + found.precision * np.outer(of_body, of_body)
     covariance = _inverse(seen, scale)
-    value, late = covariance @ found.said.told, covariance @ found.said.late
-    total = np.diagonal(covariance)
+    value, total = covariance @ found.said.told, np.diagonal(covariance)
     if not of_body.any():
-        return _Alone(value, total, np.abs(late), None)
+        return _Alone(value, total, None)
     kept = np.flatnonzero(~of_body)
     noise = np.zeros(scale.size)
     noise[kept] = np.diagonal(_inverse(seen[np.ix_(kept, kept)], scale[kept]))
-    return _Alone(value, noise, np.abs(late), np.maximum(total - noise, 0.0))
+    return _Alone(value, noise, np.maximum(total - noise, 0.0))
 
 
 def _inverse(
@@ -189,7 +186,8 @@ def _described(
         deviations={
             "noise": np.sqrt(alone.noise[rows]),
             "scale": scale,
-            "lag": alone.lag[rows],
+            # With the prior: alone, it is as wide as noise where a flight sees next to nothing.
+            "lag": np.abs(found.late[rows]),
             "regressor": np.zeros(len(rows)),
         },
         white_deviation=found.bound[rows],

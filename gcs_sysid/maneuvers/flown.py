@@ -30,9 +30,9 @@ LANES = 64
 LEAD = CHUNK
 """Steps flown in the first of the gusts before a maneuver begins: none begins in still air."""
 INTEGRATING = np.arange(LANES) % 2.0
-"""Every second aircraft's autopilot also integrates the error of the pitch rate, as most do. Between
-pulses that has wound up against the first one, and carries the next further: an elevator's
-3-2-1-1 to 4.1 g instead of 2.6. Which kind flies nobody says, so that both must be safe."""
+"""Every second aircraft's autopilot also integrates the error of the pitch rate, as most do. What
+has wound up against one pulse carries the next further: an elevator's 3-2-1-1 to 4.1 g instead of
+2.6. Which kind flies nobody says, so that both must be safe."""
 TRIM_STEPS = 12
 """Gauss–Newton steps from the trim of the mean to that of a drawn aircraft."""
 

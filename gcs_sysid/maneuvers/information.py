@@ -139,26 +139,43 @@ def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
 
 
 def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
-    """Covariance of the terms once rows were added; with none it is the fit's.
+    """Covariance of the terms once rows were added; with none it is the fit's."""
+    regressor = np.asarray(fit.deviations.get("regressor", np.zeros(len(fit.keys))))
+    return _bent(fit, regressor, added) if np.any(regressor) else _by_bayes(fit, added)
 
-    Deviations follow the laws of the module, correlations stay as they are.
+
+def _by_bayes(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
+    """Where regressors are free of errors: information adds up, and what stays is put aside.
+
+    What is neither of mass and inertia nor of the lag is the inverse of all information, that of
+    the prior among it.
     """
+    stays = lasting(fit)
+    rest = fit.covariance - stays
+    size = np.sqrt(np.maximum(np.diagonal(rest), 1e-300))
+    correlated = rest / np.outer(size, size)
+    lag = np.minimum(np.asarray(fit.deviations.get("lag", 0.0)) / size, 1.0) * size
+    noise = np.sqrt(np.maximum(size**2 - lag**2, 1e-12 * size**2))
+    later = updated(correlated * np.outer(noise, noise), added.information)
+    return later + correlated * np.outer(lag, lag) + stays
+
+
+def _bent(
+    fit: CoefficientFit, regressor: Float[np.ndarray, " term"], added: Added
+) -> Float[np.ndarray, "term term"]:
+    """Where errors of the regressors pull: deviations by the laws of the module, one by one."""
     now = np.diagonal(fit.covariance)
-    noise, scale, lag, regressor = (
-        np.asarray(fit.deviations.get(name, np.zeros(now.size))) ** 2
-        for name in ("noise", "scale", "lag", "regressor")
+    noise, scale = (
+        np.asarray(fit.deviations.get(name, np.zeros(now.size))) ** 2 for name in ("noise", "scale")
     )
-    stays = scale + lag
-    raw = noise + stays + regressor
+    raw = noise + scale + regressor**2
     believed = np.maximum(1.0 / np.maximum(now, 1e-300) - 1.0 / np.maximum(raw, 1e-300), 0.0)
     root = np.sqrt(np.maximum(now, 1e-300))
     correlated = fit.covariance / np.outer(root, root)
-    if not np.any(regressor) and not np.any(stays) and not np.any(believed > 1e-9 / now):
-        return updated(fit.covariance, added.information)
     start = np.sqrt(noise)
     later = np.diagonal(updated(correlated * np.outer(start, start), added.information))
-    pulled = _pulled(fit, np.sqrt(regressor), later / np.maximum(noise, 1e-300), added.samples)
-    after = 1.0 / (1.0 / np.maximum(later + stays + pulled**2, 1e-300) + believed)
+    pulled = _pulled(fit, regressor, later / np.maximum(noise, 1e-300), added.samples)
+    after = 1.0 / (1.0 / np.maximum(later + scale + pulled**2, 1e-300) + believed)
     # Rounding must not make knowledge shrink, and a prior's share is counted once.
     size = np.sqrt(np.minimum(after, now))
     return correlated * np.outer(size, size)

@@ -50,13 +50,13 @@ def advance(
         return (change, jax.tree.map(lambda whole, part: whole + weight * part, mean, change)), None
 
     # A loop, so that the equations are compiled once instead of four times.
+    reaches, weights, moments = STAGES
     if first is None:
         still = jax.tree.map(jnp.zeros_like, state)
-        begun, stages = (still, still), STAGES
-    else:
-        begun = (first, jax.tree.map(lambda part: STAGES[1][0] * part, first))
-        stages = tuple(row[1:] for row in STAGES)
-    (_, mean), _ = jax.lax.scan(stage, begun, stages)
+        (_, mean), _ = jax.lax.scan(stage, (still, still), (reaches, weights, moments))
+        return moved(step, mean)
+    begun = (first, jax.tree.map(lambda part: weights[0] * part, first))
+    (_, mean), _ = jax.lax.scan(stage, begun, (reaches[1:], weights[1:], moments[1:]))
     return moved(step, mean)
 
 

@@ -11,6 +11,9 @@ does it without options:
 - `well-timed`: 3-2-1-1 and doublets timed by the aircraft's modes, as large as `suggested` may be;
 - `d-optimal`: orthogonal multisines on all controls, as large as these may be, chosen by the
   determinant of the information alone, without what is known already.
+
+`--rounds 3` flies whole sorties instead, one suggested after the other was identified, until
+`suggest --confidence 0.1` has nothing to ask for, and tells how far that was true each time.
 """
 
 from __future__ import annotations
@@ -37,7 +40,7 @@ numerics.enable()
 numerics.keep_freed_memory()
 
 from gcs_sysid import aircraft_file  # noqa: E402
-from gcs_sysid.aircraft import Aircraft, Envelope, Value  # noqa: E402
+from gcs_sysid.aircraft import Aircraft, Value  # noqa: E402
 from gcs_sysid.estimate.result import AeroModel  # noqa: E402
 from gcs_sysid.maneuvers import design, recipes  # noqa: E402
 from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
@@ -49,7 +52,8 @@ from gcs_sysid.sitl.flight import Flight  # noqa: E402
 from gcs_sysid.sitl.inputs import TestInput  # noqa: E402
 from gcs_sysid.sitl.plan import Leg  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
-from tests.benchmarks import closed_loop_scores, table  # noqa: E402
+from tests.benchmarks import closed_loop_scores, suggested, table  # noqa: E402
+from tests.benchmarks.suggested import Run  # noqa: E402
 
 DATA = ROOT / "data" / "aircraft"
 ALL = ("ultra_stick_25e", "brumby_mk3", "skywalker_x8", "aerosonde", "ad1_00")
@@ -60,6 +64,8 @@ MINUTES = 2.3
 """Of flight, turns and settling included: a minute of multisines."""
 GUST = 0.5
 """Vertical gusts [m/s], that of a moderate breeze."""
+CONFIDENCE = 0.1
+"""Asked for in rounds: one deviation over the variation of a coefficient."""
 WRONG = 0.15
 """By how much the file's derivatives are wrong, one relative standard deviation."""
 
@@ -102,26 +108,33 @@ def main() -> None:
     parser.add_argument("--aircraft", nargs="*", default=list(ALL))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--arms", nargs="*", choices=ARMS, default=list(ARMS))
+    parser.add_argument("--rounds", type=int, default=0)
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "closed_loop")
     parser.add_argument("--save", action="store_true")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
+    if chosen.rounds:
+        _show_rounds(chosen)
+        return
     rows = []
     for name in chosen.aircraft:
         seeds = [
             _finished(chosen.out / f"{name}-{seed}.json", name, seed, chosen.arms)
             for seed in range(chosen.seeds)
         ]
-        rows += [_row(name, arm, [scores[arm] for scores in seeds]) for arm in chosen.arms]
+        rows += [_row(name, arm, seeds) for arm in chosen.arms]
     table.show(
         "suggested_maneuvers",
         f"Moment derivatives after {TIME:.0f} s of inputs in gusts of {GUST} m/s, beside a first "
-        f"flight; means over {chosen.seeds} seeds; sd is without the part of mass and inertia, "
-        "which no flight changes",
+        f"flight; means over {chosen.seeds} seeds; sd is without what no flight changes, "
+        "mass, inertia and the moments' lag",
         (
             "aircraft",
             "inputs",
             "error",
+            "sd",
+            "sd with lag",
+            "suggested / this: error",
             "sd",
             "achieved / foretold sd",
             "outside the envelope",
@@ -132,20 +145,31 @@ def main() -> None:
     )
 
 
-def _row(name: str, arm: str, scores: Sequence[dict]) -> tuple[object, ...]:
+def _row(name: str, arm: str, seeds: Sequence[dict[str, dict]]) -> tuple[object, ...]:
+    scores = [one[arm] for one in seeds]
     ratios = [score["ratio"] for score in scores if score["ratio"] is not None]
     limits = sorted({limit for score in scores for limit in score["limits"]})
     inside = sum(score["method"] == "filter_error" for score in scores)
     return (
         name,
         arm,
-        f"{100.0 * np.mean([score['error'] for score in scores]):.1f} %",
-        f"{100.0 * np.mean([score['sd'] for score in scores]):.1f} %",
+        f"{100.0 * np.mean([score['error'] for score in scores]):.2f} %",
+        f"{100.0 * np.mean([score['sd'] for score in scores]):.2f} %",
+        f"{100.0 * np.mean([score['sd_with_lag'] for score in scores]):.2f} %",
+        *(_over(seeds, arm, what) for what in ("error", "sd")),
         f"{np.median(ratios):.2f}" if ratios else "",
         f"{sum(score['left'] for score in scores)} of {sum(score['runs'] for score in scores)}",
         ", ".join(limits),
         f"{inside} of {len(scores)}",
     )
+
+
+def _over(seeds: Sequence[dict[str, dict]], arm: str, what: str) -> str:
+    """Mean of the suggested inputs over that of others; nothing where one was not flown."""
+    if arm == "suggested" or not all("suggested" in one for one in seeds):
+        return ""
+    ours, theirs = (np.mean([one[which][what] for one in seeds]) for which in ("suggested", arm))
+    return f"{ours / theirs:.2f}"
 
 
 def _short(value: object) -> object:
@@ -182,6 +206,55 @@ def _campaign(name: str, seed: int, arms: Sequence[str]) -> Iterator[tuple[str, 
             yield arm, _flown_and_scored(arm, known, real)
 
 
+def _show_rounds(chosen: argparse.Namespace) -> None:
+    rows = []
+    for name in chosen.aircraft:
+        for seed in range(chosen.seeds):
+            kept = chosen.out / f"{name}-{seed}-{chosen.rounds}-rounds.json"
+            if not kept.exists():
+                found = list(_rounds(name, seed, chosen.rounds))
+                kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+            told = json.loads(kept.read_text(encoding="utf-8"))
+            rows += [(name, seed, place, *one.values()) for place, one in enumerate(told)]
+    table.show(
+        "suggested_rounds",
+        f"Whole sorties, one after the other, until `suggest --confidence {CONFIDENCE}` asks for "
+        "nothing; before each, and after the last",
+        ("aircraft", "seed", "flown", "sd over spread", "reachable and sure", "minutes of next"),
+        rows,
+    )
+
+
+def _rounds(name: str, seed: int, most: int) -> Iterator[dict[str, str]]:
+    """What is known before each sortie, and after the last."""
+    believed = aircraft_file.load(DATA / f"{name}.toml")
+    real = _real(believed, np.random.default_rng(1000 + seed))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / "aircraft.toml").write_text(aircraft_file.dumps(believed))
+        logs, legs = [], weak(believed)
+        for number in range(most + 1):
+            logs.append(folder / f"{number}.tlog")
+            record.run(flight(believed, real, legs, 20 * seed + number), record=logs[-1])
+            model, out = folder / f"model{number}", _made(folder / f"suggest{number}")
+            _identify(logs, folder, model)
+            asked = Question(confidence=CONFIDENCE, seed=seed)
+            document = suggest.run(model, asked, out=out, progress=_silent)
+            told = {
+                "unsure": ", ".join(
+                    f"{key} {100.0 * one['sd'] / one['spread']:.1f} %"
+                    for key, one in document["unsure"].items()
+                ),
+                "sure": closed_loop_scores.sure(document, real, CONFIDENCE),
+                "minutes": f"{document['sortie']['minutes']:.1f}",
+            }
+            print(name, seed, number, told, flush=True)
+            yield told
+            if not document["sortie"]["steps"]:
+                return
+            legs = _flown(suggested.sortie(document, out), believed)
+
+
 def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
     """What an arm brought; where nothing is suggested, what is known without a second flight."""
     folder, believed, planned = known.folder, known.believed, _planned(arm, known)
@@ -197,9 +270,7 @@ def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
             foretold = closed_loop_scores.foretell(known.model, planned.foretold)
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     method = summary["method"]["name"]
-    scored = closed_loop_scores.score(
-        model_store.load(out).model, real, foretold, inside_filter=method == "filter_error"
-    )
+    scored = closed_loop_scores.score(model_store.load(out).model, real, foretold)
     return {**scored, **outside, "method": method}
 
 
@@ -263,13 +334,13 @@ def _identify(logs: list[Path], folder: Path, out: Path) -> None:
 
 def weak(believed: Aircraft) -> list[Leg]:
     """Small doublets at one airspeed, a minute and a half."""
-    low, high = _allowed(believed).airspeed
+    low, high = closed_loop_scores.envelope(believed).airspeed
     speed = low + 0.45 * (high - low)
     inputs = [
         TestInput(name, "doublet", 4.0 + 6.0 * index, 1.0, math.radians(2.0))
         for index, name in enumerate(believed.control_names)
     ]
-    height = _allowed(believed).height_min + 60.0
+    height = closed_loop_scores.envelope(believed).height_min + 60.0
     return [
         Leg("out", 24.0, speed, height, 0.0, inputs=tuple(inputs)),
         Leg("turn", 14.0, speed, height, math.radians(170.0)),
@@ -291,7 +362,7 @@ def _planned(arm: str, known: Known) -> Planned:
     order = _for_a_minute([(item.recipe.duration, index) for index, item in enumerate(pool)] * 40)
     names = (*believed.control_names, "throttle")
     runs = [
-        (
+        Run(
             pool[index].airspeed,
             pool[index].recipe.duration,
             {name: pool[index].added[:, place] for place, name in enumerate(names)},
@@ -307,10 +378,12 @@ def _suggested(known: Known) -> Planned:
     names = [step["maneuver"] for step in document["sortie"]["steps"] if step["share"] == 1.0]
     entries = {item["name"]: item for item in document["maneuvers"]}
     taken = _for_a_minute([(entries[name]["duration_s"], name) for name in names])
-    columns = {name: _columns(known.folder / "suggest" / entries[name]["csv"]) for name in taken}
+    columns = {
+        name: suggested.columns(known.folder / "suggest" / entries[name]["csv"]) for name in taken
+    }
     taught = {name: _taught(known, entries[name]) for name in columns}
     runs = [
-        (entries[name]["entry"]["airspeed"], entries[name]["duration_s"], columns[name])
+        Run(entries[name]["entry"]["airspeed"], entries[name]["duration_s"], columns[name])
         for name in taken
     ]
     return Planned(_flown(runs, known.believed), [taught[name] for name in taken])
@@ -346,19 +419,8 @@ def _for_a_minute(items: Sequence[tuple[float, object]]) -> list:
     return taken
 
 
-def _columns(path: Path) -> dict[str, np.ndarray]:
-    head, *rows = path.read_text().splitlines()
-    values = np.array([[float(cell) for cell in row.split(",")] for row in rows])
-    names = head.split(",")
-    return {
-        name: values[:, place] * (1.0 if name == "throttle" else math.radians(1.0))
-        for place, name in enumerate(names)
-        if name != "t"
-    }
-
-
-def _untuned(believed: Aircraft) -> list[tuple[float, float, dict[str, np.ndarray]]]:
-    low, high = _allowed(believed).airspeed
+def _untuned(believed: Aircraft) -> list[Run]:
+    low, high = closed_loop_scores.envelope(believed).airspeed
     speed = low + 0.45 * (high - low)
     one = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0], 25) * math.radians(3.0)
     two = np.repeat([1.0, -1.0], 25) * math.radians(3.0)
@@ -369,7 +431,7 @@ def _untuned(believed: Aircraft) -> list[tuple[float, float, dict[str, np.ndarra
         duration = 0.02 * shape.size
         if used + duration > TIME:
             return runs
-        runs.append((speed, duration, {name: shape}))
+        runs.append(Run(speed, duration, {name: shape}))
         used, index = used + duration, index + 1
 
 
@@ -395,32 +457,8 @@ def _determinant(item: Maneuver) -> float:
     return total / item.recipe.duration
 
 
-def _flown(
-    runs: Sequence[tuple[float, float, dict[str, np.ndarray]]], believed: Aircraft
-) -> list[Leg]:
-    """Two runs a leg, legs out and back."""
-    height = _allowed(believed).height_min + 60.0
-    legs: list[Leg] = []
-    for place in range(0, len(runs), 2):
-        heading = math.radians(0.0 if place % 4 == 0 else 170.0)
-        if place:
-            legs.append(Leg("turn", 14.0, runs[place][0], height, heading))
-        for airspeed, duration, columns in runs[place : place + 2]:
-            inputs = tuple(
-                TestInput(
-                    name, "samples", 5.0, 0.02 * values.size, 1.0, values=tuple(map(float, values))
-                )
-                for name, values in columns.items()
-                if np.abs(values).max() > 0.0
-            )
-            legs.append(Leg("run", duration + 8.0, airspeed, height, heading, inputs=inputs))
-    return legs
-
-
-def _allowed(aircraft: Aircraft) -> Envelope:
-    if aircraft.envelope is None:
-        raise ValueError(f"{aircraft.name} has no envelope")
-    return aircraft.envelope
+def _flown(runs: Sequence[Run], believed: Aircraft) -> list[Leg]:
+    return suggested.legs(runs, closed_loop_scores.envelope(believed).height_min + 60.0)
 
 
 def _made(folder: Path) -> Path:

@@ -3,9 +3,8 @@
 What a flight can change of a deviation is told apart: noise, errors of the regressors. The hidden
 aircraft has the file's mass and inertia, but nobody is told that: each derivative of a moment stays
 as unsure as the file says of the inertia, by 5 to 30 %, however well it is flown. The same goes,
-inside the filter, for what the moments' lag may be off by. Errors and deviations are those of what
-was believed before and what the flights say together; the ratio to what was foretold is of what the
-flights say alone.
+inside the filter, for what the moments' lag may be off by. Errors, deviations and their ratio to
+those foretold are of what was believed before and what the flights say together.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.atmosphere import GRAVITY
+from gcs_sysid.aircraft import Aircraft, Envelope
+from gcs_sysid.atmosphere import GRAVITY, SEA_LEVEL_DENSITY
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.information import Added, Knowledge
@@ -25,6 +24,8 @@ from gcs_sysid.reconstruct.control_history import SERVO_STREAM
 from gcs_sysid.recording import Recording
 from gcs_sysid.sitl.autopilot import PERIOD
 from gcs_sysid.sitl.plan import Leg
+from gcs_sysid.sitl.slopes import trim
+from gcs_sysid.sitl.terms import slope
 from gcs_sysid.sitl.truth import Truth
 
 PRIMARY = {
@@ -38,18 +39,16 @@ STOP = 2.0
 Deviations = dict[str, dict[str, float]]
 
 
-def score(
-    model: AeroModel, real: Aircraft, foretold: Deviations | None, *, inside_filter: bool
-) -> dict[str, Any]:
+def score(model: AeroModel, real: Aircraft, foretold: Deviations | None) -> dict[str, Any]:
     """Error and deviation over the size of each primary derivative, means of them.
 
     Args:
         model: identified from both flights.
         real: the aircraft that flew.
         foretold: deviations by `foretell`; the ratio to them is a median.
-        inside_filter: whether the filter found the model.
     """
-    errors, deviations, lasting, ratios = [], [], [], []
+    errors, deviations, with_lag, ratios = [], [], [], []
+    reached = foretell(model, ())
     for name, keys in PRIMARY.items():
         fit = model.fits.get(name)
         for key in keys:
@@ -58,73 +57,69 @@ def score(
             index = fit.keys.index(key)
             true = real.aerodynamics[name].terms[key].value
             errors.append(abs(float(fit.value[index]) - true) / abs(true))
-            reached = _without_scale(fit, inside_filter=inside_filter)
-            lasting.append(float(reached[index]) / abs(true))
-            deviations.append(lasting[-1] * float(_noisy(fit)[index]))
+            deviations.append(reached[name][key] / abs(true))
+            with_lag.append(float(np.hypot(reached[name][key], _lag(fit)[index])) / abs(true))
             if foretold is not None:
-                ratios.append(float(changeable(fit)[index]) / foretold[name][key])
+                ratios.append(reached[name][key] / foretold[name][key])
     return {
         "error": float(np.mean(errors)),
         "sd": float(np.mean(deviations)),
-        "sd_with_lag": float(np.mean(lasting)),
+        "sd_with_lag": float(np.mean(with_lag)),
         "ratio": float(np.median(ratios)) if ratios else None,
     }
 
 
-def changeable(fit: CoefficientFit) -> np.ndarray:
-    """Deviation of each term by noise and errors of the regressors, nothing believed before."""
-    nothing = np.zeros(len(fit.keys))
-    noise, regressor = (fit.deviations.get(one, nothing) for one in ("noise", "regressor"))
-    return np.hypot(noise, regressor)
-
-
-def _without_scale(fit: CoefficientFit, *, inside_filter: bool) -> np.ndarray:
-    """Deviation of each term were mass and inertia known, what was believed before weighed in.
-
-    The filter adds their part last, and it is taken off. Its `noise` is of the flight without the
-    prior, and where a weak one does not see a direction, far larger than what is known.
-    """
-    if inside_filter:
-        return np.sqrt(np.maximum(fit.deviation**2 - fit.deviations["scale"] ** 2, 0.0))
-    return np.sqrt(1.0 / (1.0 / changeable(fit) ** 2 + _believed(fit)))
-
-
-def _noisy(fit: CoefficientFit) -> np.ndarray:
-    """Part of a deviation without mass and inertia that the lag has not made."""
-    noise = changeable(fit)
-    return noise / np.maximum(np.hypot(noise, fit.deviations.get("lag", 0.0)), 1e-300)
-
-
-def _believed(fit: CoefficientFit) -> np.ndarray:
-    """What was believed of each term before the flights: one over its variance."""
-    raw = changeable(fit) ** 2 + _staying(fit)
-    return np.maximum(1.0 / np.diagonal(fit.covariance) - 1.0 / raw, 0.0)
-
-
 def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
-    """The same deviations once these maneuvers were flown, as `suggest` reckons.
-
-    It tells whole variances, 1/(1/(c² + s²) + p): c is what a flight can change, s by mass, inertia
-    and lag, p what was believed. The first is told from these.
-    """
+    """Deviations without what no flight takes away, once these maneuvers were flown."""
     known = information.nothing(model)
     for more in flown:
         known = information.with_more(known, more)
     return {
-        name: dict(zip(fit.keys, _later(fit, known[name]).tolist(), strict=True))
+        name: dict(zip(fit.keys, _changeable(fit, known[name]).tolist(), strict=True))
         for name, fit in model.fits.items()
     }
 
 
-def _later(fit: CoefficientFit, added: Added) -> np.ndarray:
-    after = np.diagonal(information.covariance(fit, added))
-    return np.sqrt(np.maximum(1.0 / (1.0 / after - _believed(fit)) - _staying(fit), 1e-300))
+def _changeable(fit: CoefficientFit, added: Added) -> np.ndarray:
+    """Deviation of each term by all but mass, inertia and lag, what was believed weighed in."""
+    whole = np.diagonal(information.covariance(fit, added))
+    stays = np.diagonal(information.lasting(fit)) + _lag(fit) ** 2
+    return np.sqrt(np.maximum(whole - stays, 1e-300))
 
 
-def _staying(fit: CoefficientFit) -> np.ndarray:
-    """Variance of each term by what no flight takes away."""
-    scale, lag = (np.asarray(fit.deviations.get(one, 0.0)) for one in ("scale", "lag"))
-    return scale**2 + lag**2
+def _lag(fit: CoefficientFit) -> np.ndarray:
+    return np.asarray(fit.deviations.get("lag", np.zeros(len(fit.keys))))
+
+
+def sure(document: dict[str, Any], real: Aircraft, confidence: float) -> str:
+    """Share of the reachable part of each coefficient's map that is known to a confidence.
+
+    A flow angle is reachable where it is allowed, and where the lift there is an allowed load
+    factor at the airspeed of the map.
+    """
+    found = []
+    for name, item in document["confidence_map"].items():
+        x, known = (np.asarray(item[key], dtype=float) for key in ("x", "before"))
+        if item["along"] == "alpha":
+            load = _load_factor(real, document["conditions"][0]["airspeed"], x)
+            low, high = envelope(real).load_factor
+            known = known[(load >= low) & (load <= high)]
+        found.append(f"{name} {100.0 * np.mean(known <= confidence):.0f} %")
+    return ", ".join(found)
+
+
+def _load_factor(real: Aircraft, airspeed: float, alpha: np.ndarray) -> np.ndarray:
+    """Of the lift at an angle of attack, by its slope from level flight [g]."""
+    pressure = 0.5 * SEA_LEVEL_DENSITY * airspeed**2
+    lift = -slope(real, "CZ", "alpha") * pressure * real.geometry.wing_area
+    return 1.0 + lift * (alpha - trim(real, airspeed).alpha) / (real.mass.mass * GRAVITY)
+
+
+def envelope(aircraft: Aircraft) -> Envelope:
+    """Its limits, which an aircraft of these flights has."""
+    if aircraft.envelope is None:
+        raise ValueError(f"{aircraft.name} has no envelope")
+    return aircraft.envelope
 
 
 def excursions(
@@ -166,9 +161,7 @@ def _motion(
     truth: Truth, aircraft: Aircraft, height: float
 ) -> dict[str, tuple[np.ndarray, float, float]]:
     """Each limited quantity and its limits [m/s, rad, g, m]; recordings begin on the first leg."""
-    allowed = aircraft.envelope
-    if allowed is None:
-        raise ValueError(f"{aircraft.name} has no envelope")
+    allowed = envelope(aircraft)
     weight = aircraft.mass.mass * GRAVITY
     lift = -truth.column("CZ") * truth.column("qbar") * aircraft.geometry.wing_area
     climbed = np.cumsum(-truth.column("v_down")) * PERIOD

@@ -27,7 +27,7 @@ from tests.blind.score import score
 from tests.blind.sizes import CAUSES
 from tests.blind.tables import Result
 
-_KEPT = (
+KEPT = (
     *("verdict", "cause", "probability", "ranking", "indistinguishable", "separating_maneuver"),
     *("effects", "unlisted", "discrepancy", "gain", "warnings", "timing", "message"),
 )
@@ -155,7 +155,7 @@ def _flown(one: Draw, folder: Path, *, bound: bool) -> dict[str, Any]:
         "seconds": seconds,
         "cores": len(os.sched_getaffinity(0)),
         "least_error": least,
-        "diagnosis": {key: diagnosis[key] for key in _KEPT if key in diagnosis},
+        "diagnosis": {key: diagnosis[key] for key in KEPT if key in diagnosis},
     }
 
 

@@ -11,7 +11,7 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ def fly(draw: Draw, folder: Path) -> Recorded:
         aircraft_file.dumps(believed(true, draw.file, generator)), encoding="utf-8"
     )
     (folder / "scenario.toml").write_text(scenario(draw, true, generator), encoding="utf-8")
-    _run("sitl", "--scenario", folder / "scenario.toml", "--out", folder)
+    run("sitl", "--scenario", folder / "scenario.toml", "--out", folder)
     told = informed(folder / "scenario.toml")
     if told is not None:
         aircraft_file.save(told, folder / "informed.toml")
@@ -90,15 +90,17 @@ def fly(draw: Draw, folder: Path) -> Recorded:
     )
 
 
-def diagnose(recorded: Recorded, folder: Path) -> tuple[dict[str, Any], float]:
-    """The diagnosis of a recording, and the seconds that it took.
+def diagnose(
+    recorded: Recorded, folder: Path, *, more: Sequence[Path] = ()
+) -> tuple[dict[str, Any], float]:
+    """The diagnosis of a recording and of `more` of the aircraft, and the seconds that it took.
 
     A command that fails gives the verdict `failed` and its message.
     """
     begun = time.monotonic()
-    command = ("diagnose", recorded.log, "--aircraft", recorded.aircraft, "--out", folder)
+    asked = ("diagnose", recorded.log, *more, "--aircraft", recorded.aircraft, "--out", folder)
     try:
-        done = _command(*command)
+        done = command(*asked)
     except subprocess.TimeoutExpired:
         return {"verdict": "failed", "message": f"no answer in {PATIENCE:.0f} s"}, PATIENCE
     seconds = time.monotonic() - begun
@@ -224,7 +226,8 @@ def _departed(folder: Path, aircraft: Aircraft) -> bool:
     return bool(upset or slow or fast)
 
 
-def _command(*arguments: object) -> subprocess.CompletedProcess[str]:
+def command(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The program as its users start it, and what it said."""
     return subprocess.run(
         [sys.executable, "-m", "gcs_sysid", *map(str, arguments)],
         capture_output=True,
@@ -234,7 +237,8 @@ def _command(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def _run(*arguments: object) -> None:
-    done = _command(*arguments)
+def run(*arguments: object) -> None:
+    """The same, of what must not fail."""
+    done = command(*arguments)
     if done.returncode != 0:
         raise RuntimeError(f"{arguments[0]} failed: {done.stderr.strip()[-500:]}")

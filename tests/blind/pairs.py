@@ -1,0 +1,244 @@
+"""Hard pairs of causes: one is hidden, and what `suggest --separate` plans is flown beside it.
+
+    python -m tests.blind.pairs [--only cg_shift] [--seed 0] [--again] [--save]
+
+A flight with one of two causes is diagnosed. Where the answer is a group, `suggest --separate` is
+asked about the first two of that group, in the diagnosis's own words; its sortie is flown by the
+same aircraft, and both flights are diagnosed together. What is hidden goes to the simulator only.
+Finished pairs are kept and not flown again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gcs_sysid.sitl import record
+from gcs_sysid.sitl import scenario as scenarios
+from tests.benchmarks import suggested, table
+from tests.blind import fly, score
+from tests.blind.campaign import KEPT
+from tests.blind.draw import Draw, Fixed, draw, load
+from tests.blind.fly import Recorded
+from tests.blind.score import Score
+
+LATER = 3600
+"""How long after the first flight the second begins [s]."""
+MINUTES = 4.0
+"""Flight time of the sortie that is asked for."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two causes that are hard to tell apart, of which one is hidden.
+
+    Attributes:
+        hidden: entry of an effect file.
+        rival: the other, for people.
+        aircraft: that flies.
+    """
+
+    hidden: Mapping[str, Any]
+    rival: str
+    aircraft: str
+
+    @property
+    def cause(self) -> str:
+        """What is hidden."""
+        return self.hidden["name"]
+
+
+PAIRS = (
+    Pair({"name": "mass", "mass_ratio": 1.08}, "lift slope", "aerosonde"),
+    Pair({"name": "aero_derivative", "derivative": "CZ.alpha", "ratio": 0.88}, "mass", "aerosonde"),
+    Pair({"name": "cg_shift", "cg_x_chord": 0.06}, "Cm_alpha", "ultra_stick_25e"),
+    Pair(
+        {"name": "aero_derivative", "derivative": "Cm.alpha", "ratio": 1.15},
+        "centre of gravity",
+        "ultra_stick_25e",
+    ),
+    Pair({"name": "inertia", "Iyy_ratio": 1.15}, "all of Cm", "aerosonde"),
+    Pair({"name": "airspeed_scale", "airspeed_scale": 0.05}, "mass", "skywalker_x8"),
+    Pair({"name": "mass", "mass_ratio": 0.92}, "airspeed scale", "skywalker_x8"),
+    Pair(
+        {"name": "surface_effectiveness", "control": "elevator", "ratio": 0.82},
+        "actuator lag",
+        "ultra_stick_25e",
+    ),
+    Pair(
+        {"name": "actuator_lag", "control": "elevator", "time_constant": 0.1},
+        "elevator's effectiveness, damping",
+        "ultra_stick_25e",
+    ),
+    Pair({"name": "thrust_scale", "ratio": 0.85}, "drag", "brumby_mk3"),
+    Pair(
+        {"name": "surface_offset", "control": "elevator", "offset": math.radians(2.0)},
+        "Cm_0",
+        "aerosonde",
+    ),
+)
+"""At about half of the larger sizes that matter: larger ones are told apart at once."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies the pairs and prints a line for each."""
+    asked = _parser().parse_args(arguments)
+    pairs = [one for one in PAIRS if asked.only in (None, one.cause)]
+    rows = [_row(*_finished(one, asked)) for one in pairs]
+    table.show(
+        "blind_pairs",
+        "Hard pairs of causes: what was said of a short flight, and, where that was a group, with "
+        "the sortie that `suggest --separate` planned for it",
+        (
+            *("aircraft", "hidden", "rival", "said of the first flight", "asked to separate"),
+            *("said of both flights", "right and alone"),
+        ),
+        rows,
+    )
+    return 0
+
+
+def question(diagnosis: Mapping[str, Any]) -> str | None:
+    """What `--separate` is asked: the first two of a group that a diagnosis cannot tell apart.
+
+    None where it names no group of two, nothing being wrong left out.
+    """
+    if diagnosis.get("verdict") != "ambiguous":
+        return None
+    group = set(diagnosis["indistinguishable"]) - {"none"}
+    single = [
+        one for one in diagnosis["ranking"] if len(one["causes"]) == 1 and one["causes"][0] in group
+    ]
+    words = list(dict.fromkeys(_in_words(one) for one in single))
+    return ",".join(words[:2]) if len(words) > 1 else None
+
+
+def _in_words(entry: Mapping[str, Any]) -> str:
+    """A cause as `suggest --separate` names it, with what it is about."""
+    (cause,) = entry["causes"]
+    for one in entry["parameters"].values():
+        if "control" in one or "derivative" in one:
+            about = str(one.get("control") or one.get("derivative"))
+            return f"{cause}:{about.replace('.', '_')}"
+    if cause == "inertia":
+        return f"{cause}:{_farthest(entry['parameters']).removesuffix('_ratio')}"
+    return cause
+
+
+def _farthest(parameters: Mapping[str, Mapping[str, float]]) -> str:
+    """The ratio that is farthest from 1, in its deviations."""
+    return max(
+        parameters, key=lambda name: abs(parameters[name]["value"] - 1.0) / parameters[name]["sd"]
+    )
+
+
+def _finished(pair: Pair, asked: argparse.Namespace) -> tuple[Pair, Draw, dict[str, Any]]:
+    """A pair's document; one that is kept is taken as it is, unless asked for again."""
+    index = PAIRS.index(pair)
+    fixed = Fixed(
+        pair.cause, pair.aircraft, "five_percent", "half", short=True, effects=(pair.hidden,)
+    )
+    one = replace(draw(index, seed=asked.seed, fixed=fixed), plan="usual")
+    kept = asked.out / f"{index:02d}-{pair.cause}-{pair.aircraft}-{asked.seed}.json"
+    described = json.loads(json.dumps(asdict(one)))
+    if kept.exists() and not asked.again:
+        held = json.loads(kept.read_text(encoding="utf-8"))
+        if held["draw"] == described:
+            return pair, one, held
+    found = {
+        "draw": described,
+        "cores": len(os.sched_getaffinity(0)),
+        **_flown(one, asked.out / kept.stem),
+    }
+    part = kept.with_suffix(".part")
+    part.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    part.replace(kept)
+    return pair, one, found
+
+
+def _flown(one: Draw, folder: Path) -> dict[str, Any]:
+    """Both flights, as far as there is something to ask after the first."""
+    recorded = fly.fly(one, folder)
+    if recorded.departed:
+        return {"first": {"verdict": "not flown"}, "asked": None, "second": None}
+    first, _ = fly.diagnose(recorded, folder / "first")
+    asked = question(first)
+    found: dict[str, Any] = {"first": _kept(first), "asked": asked, "second": None}
+    if asked is None:
+        return found
+    refused = _suggest(recorded, asked, folder)
+    if refused:
+        return {**found, "refused": refused}
+    more = _second(one, folder)
+    both, _ = fly.diagnose(recorded, folder / "both", more=(more,))
+    return {**found, "second": _kept(both)}
+
+
+def _suggest(recorded: Recorded, asked: str, folder: Path) -> str:
+    """Plans the sortie in `suggest` of a folder; why not, where it is refused."""
+    fly.run(
+        *("identify", recorded.log, "--aircraft", recorded.aircraft, "--out", folder / "identify")
+    )
+    done = fly.command(
+        *("suggest", "--model", folder / "identify", "--separate", asked),
+        *("--minutes", MINUTES, "--out", folder / "suggest"),
+    )
+    return "" if done.returncode == 0 else done.stderr.strip()[-500:]
+
+
+def _second(one: Draw, folder: Path) -> Path:
+    """The log of the sortie, flown by the aircraft of the first flight and what is hidden in it."""
+    document = json.loads((folder / "suggest" / "suggest.json").read_text(encoding="utf-8"))
+    (planned,) = scenarios.load(folder / "scenario.toml").flights
+    runs = suggested.sortie(document, folder / "suggest")
+    height = document["maneuvers"][0]["entry"]["height"]
+    legs = tuple(suggested.legs(runs, height))
+    flight = replace(
+        planned.flight,
+        legs=legs,
+        start=scenarios.start(legs[0]),
+        seed=one.seed + 1,
+        epoch_us=planned.flight.epoch_us + LATER * 1_000_000,
+    )
+    log = folder / "second.tlog"
+    record.run(flight, record=log)
+    return log
+
+
+def _kept(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: diagnosis[key] for key in KEPT if key in diagnosis}
+
+
+def _row(pair: Pair, one: Draw, held: Mapping[str, Any]) -> tuple[object, ...]:
+    last: Score = score.score(one, held["second"] or held["first"])
+    second = "" if held["second"] is None else score.said(held["second"])
+    return (
+        load(pair.aircraft).name,
+        pair.cause,
+        pair.rival,
+        score.said(held["first"]),
+        held.get("refused") or held["asked"] or "",
+        second,
+        "yes" if last.alone else "in a group" if last.grouped else "no",
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind.pairs")
+    parser.add_argument("--only", choices=sorted({one.cause for one in PAIRS}))
+    parser.add_argument("--seed", type=int, default=0, help="of all flights")
+    parser.add_argument("--again", action="store_true", help="repeat what is finished")
+    parser.add_argument("--save", action="store_true", help="keep the table for the README")
+    parser.add_argument("--out", type=Path, default=Path("out/pairs"))
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
