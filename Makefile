@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz results picture live-pictures docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz pairs results picture live-pictures docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -80,7 +80,8 @@ bench-filter: setup
 		"--flights 10 --vanes" "--flights 8 --together 2"; do \
 		$(BIN)/python tests/benchmarks/bench_filter_error.py $$asked $(BENCH) || exit 1; done
 
-# Closed loop on the aircraft of data/: BENCH="--aircraft ultra_stick_25e --seeds 1" for a part.
+# Closed loop on the aircraft of data/: BENCH="--aircraft ultra_stick_25e --seeds 1" for a part,
+# BENCH="--rounds 3 --seeds 1" for whole sorties one after the other.
 bench-maneuvers: setup
 	@$(BIN)/python tests/benchmarks/closed_loop.py $(BENCH)
 
@@ -99,6 +100,10 @@ bench-arduplane: setup
 # Hundreds; finished ones are not repeated: BENCH="--count 200 --start 0 --cause none" for a part.
 campaign: setup
 	@$(BIN)/python -m tests.blind.campaign $(BENCH)
+
+# Causes that are hard to tell apart, flown again as `suggest --separate` plans: BENCH="--only mass".
+pairs: setup
+	@$(BIN)/python -m tests.blind.pairs $(BENCH)
 
 # Listening as its users run it, in real time and at ten times the rate, then hours of flight as fast
 # as they go: HOURS=1 for the bench, ten for the soak, which goes on where it was stopped.
