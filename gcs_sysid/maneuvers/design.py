@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft, Envelope
+from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import axes, envelope, flown, gusts, holding, information
 from gcs_sysid.maneuvers.axes import Axes
@@ -21,11 +22,21 @@ from gcs_sysid.model.trim import Trim
 
 AFTER = 3.0
 """Answer of the aircraft after the input that is flown and counted too [s]."""
+SETTLE = 5.0
+"""Straight and level before each maneuver [s]."""
+TURN = 20.0
+"""To turn round and settle after two maneuvers on a leg [s]."""
+ON_A_LEG = 2
+"""Maneuvers on one leg before turning round: the next two are flown in the other direction, so
+that a steady wind does not look like the aircraft."""
+AROUND = SETTLE + TURN / ON_A_LEG
+"""Flight time beside each maneuver and its answer [s]."""
 LONGEST = 24.0
 """Longest maneuver with its answer [s]: gusts are drawn for so long."""
 CALM = 8
 """Of the aircraft flown at once, the mean first, so many fly in calm air: what they teach counts,
-the others show how far gusts and errors may carry."""
+the others show how far gusts and errors may carry. Where the filter found the model, which tells
+gusts from inputs, gusts teach as well, and as many aircraft in gusts are looked at."""
 TRIALS = 8
 """Times `LANES` aircraft that a maneuver must be flown by before it is suggested."""
 SHARES = np.concatenate([[0.05, 0.07], np.geomspace(0.1, 1.0, 40)])
@@ -271,29 +282,46 @@ def _why(path: Flown, at: Condition, recipe: Recipe) -> str:
 
 
 def _maneuver(at: Condition, recipe: Recipe, share: float, path: Flown) -> Maneuver:
-    calm = Flown(*(values[:CALM] for values in path))
-    rows, each = _rows(at, calm)
+    rows, each = _rows(at, path)
     excursion = Excursion(envelope.ranges(path), 0, LANES, None)
     return Maneuver(recipe, share, at.trim.airspeed, at.height, path, excursion, rows, each)
 
 
-def _rows(at: Condition, calm: Flown) -> tuple[dict[str, Rows], dict[str, tuple[Added, ...]]]:
+def _rows(at: Condition, path: Flown) -> tuple[dict[str, Rows], dict[str, tuple[Added, ...]]]:
     """What each aircraft's flight adds to every coefficient's fit, and the mean of these."""
-    values = [
-        flown.regressor_values(at.aircraft, at.trim.density, calm, draw)
-        for draw in range(calm.alpha.shape[0])
-    ]
+    calm = _variables(at, path, 0)
     found, each = {}, {}
-    for name in at.model.fits:
-        parts = [information.rows(at.model, name, item, STEP) for item in values]
-        each[name] = tuple(part.added for part in parts)
-        mean = np.mean([part.added.information for part in parts], axis=0)
+    for name, fit in at.model.fits.items():
+        parts = [information.rows(at.model, name, item, STEP) for item in calm]
+        taught = [part.added for part in parts]
+        if information.gusts_teach(fit):
+            blown = [_added(at, name, item) for item in _variables(at, path, CALM)]
+            level = [_added(at, name, item) for item in _variables(at, at.still, CALM)]
+            share = AROUND / (STEP * at.still.alpha.shape[1])
+            taught = [
+                one.with_more(Added(share * other.information, share * other.samples))
+                for one, other in zip(blown, level, strict=True)
+            ]
+        each[name] = tuple(taught)
+        mean = np.mean([part.information for part in taught], axis=0)
         found[name] = Rows(
-            Added(mean, parts[0].added.samples),
+            Added(mean, taught[0].samples),
             np.mean([part.mean for part in parts], axis=0),
             float(np.mean([part.spread for part in parts])),
         )
     return found, each
+
+
+def _added(at: Condition, name: str, values: Values) -> Added:
+    return information.rows(at.model, name, values, STEP).added
+
+
+def _variables(at: Condition, path: Flown, first: int) -> list[Values]:
+    """Every variable of a model along `CALM` of the flights."""
+    return [
+        flown.regressor_values(at.aircraft, at.trim.density, path, draw)
+        for draw in range(first, first + CALM)
+    ]
 
 
 def _air(

@@ -95,6 +95,11 @@ def nothing(model: AeroModel) -> Knowledge:
     }
 
 
+def gusts_teach(fit: CoefficientFit) -> bool:
+    """Whether what gusts do to the aircraft tells of it: to the filter, which tells them apart."""
+    return "lag" in fit.deviations
+
+
 def with_more(known: Knowledge, more: Knowledge, *, share: float = 1.0) -> Knowledge:
     """What is known once a maneuver was flown at a share of its amplitude."""
     return {name: item.with_more(more[name], share=share) for name, item in known.items()}
@@ -124,7 +129,9 @@ def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
     """Variance v that a row counts with for each term: as a row of the fit did.
 
     From the deviation that noise left there, the number of rows, and how far the term went. Where
-    the fit does not tell how far, the residual's variance over the share of independent rows.
+    the fit does not tell how far, the residual's variance over the share of independent rows. The
+    filter's deviation is taken with the other terms known: alone, two that a flight moves together
+    are hundreds of times as wide, and by the correlation of smoothed motions not nearly so much.
     """
     share = fit.effective_samples / max(fit.samples, 1)
     usual = np.full(len(fit.keys), fit.residual**2 / max(share, 1e-12))
@@ -132,9 +139,16 @@ def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
     moving = (went > 0.0) & (np.asarray(fit.deviations["noise"]) > 0.0)
     if not moving.any():
         return usual
-    inner = np.linalg.pinv(fit.correlation[np.ix_(moving, moving)])
-    alone = np.maximum(np.diagonal(inner), 1.0)
-    usual[moving] = fit.deviations["noise"][moving] ** 2 * fit.samples * went[moving] ** 2 / alone
+    if gusts_teach(fit):
+        noise, _, _ = _parts(fit)
+        root = np.sqrt(np.diagonal(noise))
+        inner = np.linalg.pinv(noise / np.outer(root, root), rcond=1e-10, hermitian=True)
+        left = root**2 / np.maximum(np.diagonal(inner), 1.0)
+    else:
+        inner = np.linalg.pinv(fit.correlation[np.ix_(moving, moving)])
+        left = np.array(fit.deviations["noise"], dtype=float) ** 2
+        left[moving] /= np.maximum(np.diagonal(inner), 1.0)
+    usual[moving] = (left * fit.samples * went**2)[moving]
     return usual
 
 
@@ -145,10 +159,15 @@ def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term ter
 
 
 def _by_bayes(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
-    """Where regressors are free of errors: information adds up, and what stays is put aside.
+    """Where regressors are free of errors: information adds up, and what stays is put aside."""
+    noise, lag, stays = _parts(fit)
+    return updated(noise, added.information) + lag + stays
 
-    What is neither of mass and inertia nor of the lag is the inverse of all information, that of
-    the prior among it.
+
+def _parts(fit: CoefficientFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance by noise, by the lag, and by mass and inertia.
+
+    The first is the inverse of all information, that of the prior among it.
     """
     stays = lasting(fit)
     rest = fit.covariance - stays
@@ -156,8 +175,7 @@ def _by_bayes(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term
     correlated = rest / np.outer(size, size)
     lag = np.minimum(np.asarray(fit.deviations.get("lag", 0.0)) / size, 1.0) * size
     noise = np.sqrt(np.maximum(size**2 - lag**2, 1e-12 * size**2))
-    later = updated(correlated * np.outer(noise, noise), added.information)
-    return later + correlated * np.outer(lag, lag) + stays
+    return correlated * np.outer(noise, noise), correlated * np.outer(lag, lag), stays
 
 
 def _bent(

@@ -11,17 +11,10 @@ import numpy as np
 from gcs_sysid import regressors
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.design import AFTER, Maneuver
+from gcs_sysid.maneuvers.design import AFTER, AROUND, ON_A_LEG, Maneuver
 from gcs_sysid.maneuvers.information import Added, Covariances, Knowledge
 from gcs_sysid.maneuvers.target import Target
 
-SETTLE = 5.0
-"""Straight and level before each maneuver [s]."""
-TURN = 20.0
-"""To turn round and settle after two maneuvers on a leg [s]."""
-ON_A_LEG = 2
-"""Maneuvers on one leg before turning round: the next two are flown in the other direction, so
-that a steady wind does not look like the aircraft."""
 CAREFUL = (0.25, 0.5)
 """Shares of the amplitude at which a maneuver is tried first where the model is poor."""
 POOR = 0.15
@@ -73,7 +66,7 @@ class Sortie:
 
 def cost(maneuver: Maneuver) -> float:
     """Flight time that a maneuver takes, its share of the turns included [s]."""
-    return SETTLE + maneuver.recipe.duration + AFTER + TURN / ON_A_LEG
+    return maneuver.recipe.duration + AFTER + AROUND
 
 
 def poor(model: AeroModel) -> bool:

@@ -10,6 +10,7 @@ import pytest
 from scipy import linalg
 
 from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import suspects
 from gcs_sysid.maneuvers import (
     axes,
@@ -328,3 +329,23 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
     best = plan.steps[0].maneuver
     assert told(best) == max(told(item) for item in items) > 0.0
     assert "elevator" in best.recipe.name or best.recipe.name == "wind_up_turn"
+
+
+def test_gusts_teach_where_the_filter_found_the_model(at, planned) -> None:
+    """As do the turns beside a maneuver; to least squares what gusts do is an error."""
+    item = planned["elevator_doublet"]
+    fits = {
+        name: replace(fit, deviations={**fit.deviations, "lag": np.zeros(len(fit.keys))})
+        for name, fit in model().fits.items()
+    }
+    told = replace(at, model=AeroModel(fits, model().controls))
+    again = design.sized(told, item.recipe)
+    assert isinstance(again, Maneuver)
+    assert again.share == item.share
+    beta = model().fits["Cn"].keys.index("beta")
+    ratio = (
+        again.rows["Cn"].added.information[beta, beta]
+        / item.rows["Cn"].added.information[beta, beta]
+    )
+    assert ratio > 100.0, "in calm air an elevator does not make the aircraft slip"
+    assert again.rows["Cn"].spread == pytest.approx(item.rows["Cn"].spread)

@@ -155,3 +155,22 @@ def test_flying_the_same_flight_again_halves_the_noise() -> None:
     found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
     for before, after in found.derivatives.values():
         assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)
+
+
+def test_the_same_again_halves_the_noise_of_the_filter_where_terms_go_together_too() -> None:
+    """Alone, each is ten times as wide as with the other known; all information tells both."""
+    alpha = 0.02 * RANDOM.standard_normal(1000)
+    values = {"alpha": alpha, "qhat": 0.05 * alpha + 1e-4 * RANDOM.standard_normal(1000)}
+    columns = np.stack([values[key] for key in KEYS], axis=1)
+    noise = np.linalg.inv(columns.T @ columns / 0.01**2)
+    sizes = columns.std(axis=0)
+    made = fitted(noise, np.zeros(2), noise=noise)
+    fit = replace(
+        made,
+        deviations={**made.deviations, "lag": np.zeros(2)},
+        lowest=-0.5 * information.RANGES * sizes,
+        highest=0.5 * information.RANGES * sizes,
+    )
+    found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
+    for before, after in found.derivatives.values():
+        assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)

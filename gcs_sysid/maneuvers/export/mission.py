@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from gcs_sysid.maneuvers.sortie import SETTLE
+from gcs_sysid.maneuvers.design import SETTLE
 
 WAYPOINT, RETURN, CHANGE_SPEED = 16, 20, 178
 GLOBAL, MISSION_FRAME, RELATIVE = 0, 2, 3
