@@ -50,7 +50,10 @@ LEAST = 0.05
 
 @dataclass(frozen=True)
 class Condition:
-    """A flight condition: level flight there, the aircraft drawn for it, and their gusts."""
+    """A flight condition: level flight there, the aircraft drawn for it, and their gusts.
+
+    `beside` is what `AROUND` seconds of that level flight teach, see `around`.
+    """
 
     aircraft: Aircraft
     model: AeroModel
@@ -64,6 +67,7 @@ class Condition:
     fleet: Fleet
     air: Float[np.ndarray, "draw sample six"]
     still: Flown
+    beside: Mapping[str, tuple[Added, ...]]
 
     @property
     def height(self) -> float:
@@ -97,7 +101,7 @@ class Maneuver:
         height: likewise [m].
         flown: motions of the drawn aircraft, answer after the input included.
         excursion: how far these go.
-        rows: what it adds to each coefficient's fit, the mean over aircraft in calm air.
+        rows: what it adds to each coefficient's fit, the mean over some aircraft (`CALM`).
         each: what each of these aircraft's flights adds, by coefficient.
     """
 
@@ -174,7 +178,7 @@ def condition(
     still = simulator.fly(fleet, linear, trim.density, nothing, air)
     if aircraft.envelope is None:
         raise ValueError("an aircraft without envelope has no safe maneuvers")
-    return Condition(
+    made = Condition(
         aircraft,
         model,
         aircraft.envelope,
@@ -187,7 +191,20 @@ def condition(
         fleet,
         air,
         still,
+        {},
     )
+    return replace(made, beside=around(made))
+
+
+def around(at: Condition) -> dict[str, tuple[Added, ...]]:
+    """What the time beside a maneuver teaches of the coefficients that gusts tell of."""
+    share = AROUND / (STEP * at.still.alpha.shape[1])
+    level = _variables(at, at.still, CALM)
+    return {
+        name: tuple(_scaled(_added(at, name, item), share) for item in level)
+        for name, fit in at.model.fits.items()
+        if information.gusts_teach(fit)
+    }
 
 
 def unsafe_level_flight(at: Condition) -> str | None:
@@ -289,18 +306,15 @@ def _maneuver(at: Condition, recipe: Recipe, share: float, path: Flown) -> Maneu
 
 def _rows(at: Condition, path: Flown) -> tuple[dict[str, Rows], dict[str, tuple[Added, ...]]]:
     """What each aircraft's flight adds to every coefficient's fit, and the mean of these."""
-    calm = _variables(at, path, 0)
+    calm, gusts = _variables(at, path, 0), _variables(at, path, CALM)
     found, each = {}, {}
     for name, fit in at.model.fits.items():
         parts = [information.rows(at.model, name, item, STEP) for item in calm]
         taught = [part.added for part in parts]
         if information.gusts_teach(fit):
-            blown = [_added(at, name, item) for item in _variables(at, path, CALM)]
-            level = [_added(at, name, item) for item in _variables(at, at.still, CALM)]
-            share = AROUND / (STEP * at.still.alpha.shape[1])
+            blown = [_added(at, name, item) for item in gusts]
             taught = [
-                one.with_more(Added(share * other.information, share * other.samples))
-                for one, other in zip(blown, level, strict=True)
+                one.with_more(other) for one, other in zip(blown, at.beside[name], strict=True)
             ]
         each[name] = tuple(taught)
         mean = np.mean([part.information for part in taught], axis=0)
@@ -314,6 +328,10 @@ def _rows(at: Condition, path: Flown) -> tuple[dict[str, Rows], dict[str, tuple[
 
 def _added(at: Condition, name: str, values: Values) -> Added:
     return information.rows(at.model, name, values, STEP).added
+
+
+def _scaled(item: Added, share: float) -> Added:
+    return Added(share * item.information, share * item.samples)
 
 
 def _variables(at: Condition, path: Flown, first: int) -> list[Values]:

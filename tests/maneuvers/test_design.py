@@ -339,6 +339,7 @@ def test_gusts_teach_where_the_filter_found_the_model(at, planned) -> None:
         for name, fit in model().fits.items()
     }
     told = replace(at, model=AeroModel(fits, model().controls))
+    told = replace(told, beside=design.around(told))
     again = design.sized(told, item.recipe)
     assert isinstance(again, Maneuver)
     assert again.share == item.share
