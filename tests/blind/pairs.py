@@ -56,35 +56,36 @@ class Pair:
 
 
 PAIRS = (
-    Pair({"name": "mass", "mass_ratio": 1.08}, "lift slope", "aerosonde"),
-    Pair({"name": "aero_derivative", "derivative": "CZ.alpha", "ratio": 0.88}, "mass", "aerosonde"),
+    Pair({"name": "mass", "mass_ratio": 1.12}, "lift slope", "aerosonde"),
+    Pair({"name": "aero_derivative", "derivative": "CZ.alpha", "ratio": 0.8}, "mass", "aerosonde"),
     Pair({"name": "cg_shift", "cg_x_chord": 0.06}, "Cm_alpha", "ultra_stick_25e"),
     Pair(
-        {"name": "aero_derivative", "derivative": "Cm.alpha", "ratio": 1.15},
+        {"name": "aero_derivative", "derivative": "Cm.alpha", "ratio": 1.2},
         "centre of gravity",
         "ultra_stick_25e",
     ),
-    Pair({"name": "inertia", "Iyy_ratio": 1.15}, "all of Cm", "aerosonde"),
-    Pair({"name": "airspeed_scale", "airspeed_scale": 0.05}, "mass", "skywalker_x8"),
-    Pair({"name": "mass", "mass_ratio": 0.92}, "airspeed scale", "skywalker_x8"),
+    Pair({"name": "inertia", "Iyy_ratio": 1.3}, "all of Cm", "aerosonde"),
+    Pair({"name": "airspeed_scale", "airspeed_scale": 0.1}, "mass", "skywalker_x8"),
+    Pair({"name": "mass", "mass_ratio": 0.88}, "airspeed scale", "skywalker_x8"),
     Pair(
-        {"name": "surface_effectiveness", "control": "elevator", "ratio": 0.82},
+        {"name": "surface_effectiveness", "control": "elevator", "ratio": 0.65},
         "actuator lag",
         "ultra_stick_25e",
     ),
     Pair(
-        {"name": "actuator_lag", "control": "elevator", "time_constant": 0.1},
+        {"name": "actuator_lag", "control": "elevator", "time_constant": 0.2},
         "elevator's effectiveness, damping",
         "ultra_stick_25e",
     ),
-    Pair({"name": "thrust_scale", "ratio": 0.85}, "drag", "brumby_mk3"),
+    Pair({"name": "thrust_scale", "ratio": 0.7}, "drag", "brumby_mk3"),
     Pair(
-        {"name": "surface_offset", "control": "elevator", "offset": math.radians(2.0)},
+        {"name": "surface_offset", "control": "elevator", "offset": math.radians(4.0)},
         "Cm_0",
         "aerosonde",
     ),
 )
-"""At about half of the larger sizes that matter: larger ones are told apart at once."""
+"""At the larger sizes that matter, but for a shift that is told apart at half: a flight of a minute
+and a half with a file that is 5 % wrong finds nothing of a lift slope that is 12 % off."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -143,7 +144,7 @@ def _finished(pair: Pair, asked: argparse.Namespace) -> tuple[Pair, Draw, dict[s
     """A pair's document; one that is kept is taken as it is, unless asked for again."""
     index = PAIRS.index(pair)
     fixed = Fixed(
-        pair.cause, pair.aircraft, "five_percent", "half", short=True, effects=(pair.hidden,)
+        pair.cause, pair.aircraft, "five_percent", "larger", short=True, effects=(pair.hidden,)
     )
     one = replace(draw(index, seed=asked.seed, fixed=fixed), plan="usual")
     kept = asked.out / f"{index:02d}-{pair.cause}-{pair.aircraft}-{asked.seed}.json"
