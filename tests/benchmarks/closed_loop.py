@@ -12,6 +12,9 @@ does it without options:
 - `d-optimal`: orthogonal multisines on all controls, as large as these may be, chosen by the
   determinant of the information alone, without what is known already.
 
+Inputs are as long for all, flights are not: many short ones have more straight flight and turns
+between them, and in gusts these teach as well. How long each arm flew is in the table.
+
 `--rounds 3` flies whole sorties instead, one suggested after the other was identified, until
 `suggest --confidence 0.1` has nothing to ask for, and tells how far that was true each time.
 """
@@ -131,6 +134,7 @@ def main() -> None:
         (
             "aircraft",
             "inputs",
+            "minutes flown",
             "error",
             "sd",
             "sd with lag",
@@ -153,6 +157,7 @@ def _row(name: str, arm: str, seeds: Sequence[dict[str, dict]]) -> tuple[object,
     return (
         name,
         arm,
+        f"{np.mean([score['minutes'] for score in scores]):.1f}",
         f"{100.0 * np.mean([score['error'] for score in scores]):.2f} %",
         f"{100.0 * np.mean([score['sd'] for score in scores]):.2f} %",
         f"{100.0 * np.mean([score['sd_with_lag'] for score in scores]):.2f} %",
@@ -271,7 +276,8 @@ def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     method = summary["method"]["name"]
     scored = closed_loop_scores.score(model_store.load(out).model, real, foretold)
-    return {**scored, **outside, "method": method}
+    minutes = sum(leg.duration for leg in planned.legs) / 60.0
+    return {**scored, **outside, "minutes": minutes, "method": method}
 
 
 def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
