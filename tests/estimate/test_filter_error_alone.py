@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -76,3 +78,71 @@ def test_equations_that_weigh_a_flight_too_little_leave_it_what_it_says() -> Non
     assert np.linalg.eigvalsh(np.linalg.inv(covariance) - precision).min() < 0.0
     np.testing.assert_allclose(seen, slope @ np.linalg.inv(SEEN) @ slope, rtol=0.02)
     np.testing.assert_allclose(says, SAYS, rtol=0.02)
+
+
+def test_what_no_row_tells_is_not_bounded_and_stays_as_believed() -> None:
+    """The bound of two derivatives, one without information; what was believed of them is left."""
+    known = made.unknowns(1.0)
+    parameters = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
+    parameters[:3] = True
+    information = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]])
+    intensities_ = np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)
+    done = Scored(
+        unknowns=known,
+        free=(parameters, intensities_),
+        curvature=Curvature(information, information, information),
+        blocks=np.zeros((2, 3)),
+        precision=np.diag([10.0, 10.0, 1.0]),
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=True,
+        moving=0.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
+    )
+    bound = filter_error._bound(done, 2)
+    np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
+    np.testing.assert_allclose(done.covariance()[1], [0.0, 0.1, 0.0], atol=1e-12)
+
+
+def test_sums_that_move_less_are_known_less() -> None:
+    """Godambe: A⁻¹ M A⁻ᵀ, here 2⁻¹ · 4 · 2⁻¹."""
+    known = made.unknowns(1.0)
+    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
+    free[0] = True
+    done = Scored(
+        unknowns=known,
+        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
+        curvature=Curvature(np.array([[2.0]]), np.array([[4.0]]), np.array([[4.0]])),
+        blocks=np.zeros((2, 1)),
+        precision=np.zeros((1, 1)),
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=True,
+        moving=0.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
+    )
+    np.testing.assert_allclose(done.covariance(), [[1.0]])
+    stopped = replace(done, ended=False, moving=0.5)
+    np.testing.assert_allclose(stopped.covariance(), [[1.25]])
+
+
+def test_a_search_that_stopped_leaves_what_was_believed_as_it_was() -> None:
+    """Of two derivatives the flight tells the sum; their difference is as it was believed."""
+    known = made.unknowns(1.0)
+    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
+    free[:2] = True
+    told, believed = np.full((2, 2), 50.0), np.diag([4.0, 1.0])
+    done = Scored(
+        unknowns=known,
+        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
+        curvature=Curvature(told, told, told),
+        blocks=np.zeros((2, 2)),
+        precision=believed,
+        whitened=np.zeros((1, 1)),
+        log_likelihood=(0.0,),
+        ended=False,
+        moving=3.0,
+        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
+    )
+    left = np.linalg.inv(done.covariance()) - believed
+    np.testing.assert_allclose(left, told / 10.0, rtol=1e-9)
