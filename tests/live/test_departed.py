@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HIDDEN = ROOT / "replay/weak_elevator/scenario.toml"
 RATIO = 0.65
 """Of what the file says, the elevator acts with: the scenario's hidden effect."""
-LEGS = 3
+LEGS = 2
 """Of the flight: the first has doublets of every control."""
 MICRO = 1e-6
 

@@ -16,7 +16,7 @@ from tests.live import flown
 ROOT = Path(__file__).resolve().parents[2]
 AIRCRAFT = ROOT / "data/aircraft/ultra_stick_25e.toml"
 SPEED = 4.0
-KILLED_S, END_S = 72.0, 140.0
+KILLED_S, END_S = 48.0, 84.0
 """Of the flight: it is airborne from the beginning."""
 RECORDING_LOST_S, MODEL_LOST_S = 1.0, 10.0
 
