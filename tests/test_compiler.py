@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gcs_sysid import compiler
+
 
 @pytest.mark.parametrize("rows", [300, 1000, 20_000])
 def test_sums_of_products_are_right_however_many(rows: int) -> None:
@@ -50,3 +52,11 @@ def test_the_flag_is_set_by_importing_the_package_unless_the_user_has_set_it(
     )
     wanted = set_before or "--xla_cpu_experimental_ynn_fusion_type="
     assert done.stdout.strip() == wanted
+
+
+def test_a_version_that_may_not_know_the_flag_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that it does not know would end the program."""
+    monkeypatch.setattr(compiler, "version", lambda name: "0.13.0")
+    monkeypatch.setenv("XLA_FLAGS", "--xla_of_mine")
+    compiler.compute_rightly()
+    assert os.environ["XLA_FLAGS"] == "--xla_of_mine"

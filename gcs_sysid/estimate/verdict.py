@@ -21,6 +21,7 @@ FEEBLE = 0.05
 """A term that makes up less than this share of its coefficient's variation is hardly excited."""
 
 BLURRED = "gusts: the flow and the rotation that the air felt were not measured well enough"
+LAGGING = "the lag of the moments behind the surfaces is not known well enough"
 MANY = 1.0 / 3.0
 """Share of all slopes."""
 
@@ -65,7 +66,7 @@ def _reason(fit: CoefficientFit, index: int, parts: dict[str, float]) -> str:
     if largest == "regressor":
         return BLURRED
     if largest == "lag":
-        return "the lag of the moments behind the surfaces is not known well enough"
+        return LAGGING
     if largest == "scale":
         return "mass, inertia or thrust are not known well enough"
     partner = collinear_with(fit, index)

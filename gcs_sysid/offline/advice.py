@@ -11,7 +11,7 @@ from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.diagnose.investigation import GUSTY
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
-from gcs_sysid.estimate.verdict import COLLINEAR, collinear_with
+from gcs_sysid.estimate.verdict import COLLINEAR, LAGGING, collinear_with
 from gcs_sysid.offline.flight import Flight
 
 BLURRED = 0.5
@@ -57,6 +57,8 @@ def _maneuver(key: str, reason: str, controls: Sequence[str]) -> str:
         return "calm air, larger inputs added after the autopilot; flow vanes help the angles"
     if "mass, inertia or thrust" in reason:
         return "nothing: weigh the aircraft, swing it for its inertia, or measure its thrust"
+    if reason == LAGGING:
+        return "nothing: surface to motion is timed to a millisecond, which no flight betters"
     variables = regressors.parse(key, controls=controls).variables
     moved = [name for name in variables if name in controls]
     if moved:

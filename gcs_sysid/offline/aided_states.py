@@ -85,8 +85,10 @@ def unsure_of(samples: Samples, model: AeroModel) -> Samples:
 
         δα = −δCZ / (∂CZ/∂α),    δβ = −δCY / (∂CY/∂β),
 
-    the same in all maneuvers where it comes from the constant. Vanes, where there are any, know
-    better: then this is the most that it can be.
+    the same in all maneuvers where it comes from the constant. Slopes are their means over the
+    flight: an angle that is wrong all along does not come and go where the lift curve is flat.
+    Vanes, where there are any, know better: then this is the most that it can be. An angle that
+    the modelled force does not depend on is not told by it.
 
     Args:
         samples: at states of a filter that holds `model`.
@@ -94,12 +96,12 @@ def unsure_of(samples: Samples, model: AeroModel) -> Samples:
     """
     lasting = {}
     for angle, force in TELLS.items():
-        if force not in model.fits:
+        if force not in model.fits or angle not in model.depends_on(force):
             continue
         known = model.predict(samples.regressors, measured=False)[force].deviation ** 2
         # What the model does not describe comes and goes, and is in the filter's own noise.
         known = np.maximum(known - model.discrepancy(force) ** 2, 0.0)
-        slope = model.derivative(force, angle, samples.regressors).mean
+        slope = float(np.mean(model.derivative(force, angle, samples.regressors).mean))
         lasting[angle] = known / slope**2
     return replace(samples, regressor_lasting=lasting)
 

@@ -29,9 +29,13 @@ from gcs_sysid.estimate import (  # noqa: E402
     verdict,
 )
 from gcs_sysid.model.flight_model import FlightModel  # noqa: E402
-from gcs_sysid.offline import aided_fit, aided_flight, flight, maneuver_choice  # noqa: E402
+from gcs_sysid.offline import aided_fit, aided_flight  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
-from tests.benchmarks import bench_filter_error, table  # noqa: E402
+from tests.benchmarks import (  # noqa: E402
+    bench_filter_error,
+    bench_filter_error_cost,
+    table,
+)
 
 SEEDS = (7001, 7013)
 """One that settles on its first stretch, and one that does not."""
@@ -52,15 +56,7 @@ def main() -> None:
     for seed in asked.seeds:
         folder = asked.folder / str(seed)
         bench_filter_error.flown(folder, seed, bench_filter_error.OWN)
-        one = flight.read(
-            folder / "flight.tlog",
-            aircraft,
-            vehicle=None,
-            segments=maneuver_choice.chooser(None, aircraft),
-            delay=None,
-            progress=lambda *_: None,
-            measured=True,
-        )
+        one = bench_filter_error_cost.read(folder / "flight.tlog", aircraft)
         fitted = equation_error.fit([one.samples], aircraft, structure, [one.pieces()], prior=None)
         told = sum(
             verdict.judge(fit, index, None).answer != "no"

@@ -8,6 +8,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +34,7 @@ from gcs_sysid.gp.learner import Learner  # noqa: E402
 from gcs_sysid.gp.learning import Structure  # noqa: E402
 from gcs_sysid.gp.local import Shape  # noqa: E402
 from gcs_sysid.gp.refresh import Settings  # noqa: E402
-from gcs_sysid.gp.samples import Rows  # noqa: E402
+from gcs_sysid.gp.samples import Rows, Scaling  # noqa: E402
 from tests.benchmarks import table  # noqa: E402
 
 INPUTS, OUTPUTS, POINTS = 8, 6, 250
@@ -47,6 +48,9 @@ STREAMS = (1, 11, 21)
 """Seeds, of the unseen samples one more."""
 STALLING = Settings(structure=Structure(latents=2), points=200, rows=500, scaffold=30, starts=2)
 """Of the streams."""
+MORE_POINTS = (400, 600)
+SHARES = (0.1, 0.3, 1.0)
+"""Of the samples that a store holds at a refresh."""
 Row = tuple[object, ...]
 
 
@@ -162,23 +166,25 @@ def _against_exact() -> list[Row]:
     On a function that bends in all of eight inputs, and on one of three inputs that breaks at a
     stall, as coefficients do.
     """
-    settings = Settings(structure=Structure(latents=2), points=POINTS, starts=1, steps=40)
-    curved = _given_away(flown(7, 400), flown(8, 1000), np.full(OUTPUTS, 0.01), settings)
-    inputs, values = stream(STREAMS[0], 600)
-    middle, scale = values.mean(axis=0), samples.scaling(inputs, values)
-    unseen, noisy = stream(STREAMS[0] + 1, 1000)
-
-    def rows(where: np.ndarray, what: np.ndarray) -> Rows:
-        return samples.rows(scale, where, what - middle, np.broadcast_to(SPREAD**2, what.shape))
-
-    stalling = _given_away(
-        rows(inputs, values), rows(unseen, noisy), (SPREAD / scale.unit) ** 2, STALLING
-    )
+    curved = Settings(structure=Structure(latents=2), points=POINTS, starts=1, steps=40)
+    rows, unseen, own = flown(7, 400), flown(8, 1000), np.full(OUTPUTS, 0.01)
+    given = [
+        _given_away(rows, unseen, own, replace(curved, points=points))
+        for points in (POINTS, *MORE_POINTS)
+    ]
+    known, scale, middle = stalling(STREAMS[0], 600)
+    asked = _scaled(scale, middle, *stream(STREAMS[0] + 1, 1000))
+    breaking = _given_away(known, asked, (SPREAD / scale.unit) ** 2, STALLING)
+    most = " / ".join(str(points) for points in (POINTS, *MORE_POINTS))
     return [
-        ("NLPD given away against the exact process, a value: eight inputs, 2400 values",
-         "0.02 nat", f"{curved:+.3f} nat"),
+        ("NLPD given away against the exact process, a value: eight inputs, 2400 values, "
+         f"{most} points", "0.02 nat", " / ".join(f"{one:+.3f}" for one in given) + " nat"),
         (f"  a stall over three inputs, 1800 values, {STALLING.points} points",
-         "0.02 nat", f"{stalling:+.3f} nat"),
+         "0.02 nat", f"{breaking:+.3f} nat"),
+        *((f"lost by a refresh, a sample, stall learned of after the points were chosen, "
+           f"{share:.0%} of the samples in the store", "0.02 nat",
+           " / ".join(f"{lost(seed, share):+.3f}" for seed in STREAMS) + " nat")
+          for share in SHARES),
     ]  # fmt: skip
 
 
@@ -190,6 +196,31 @@ def _given_away(rows: Rows, unseen: Rows, own: np.ndarray, settings: Settings) -
     sparse = inducing.posterior(base, inducing.told(base, rows))
     found = [_nlpd(one, unseen, own + np.asarray(base.noise)) for one in (whole, sparse)]
     return found[1] - found[0]
+
+
+def lost(seed: int, share: float) -> float:
+    """Against all samples told to the refreshed basis: what left the store was carried over."""
+    rows, scale, middle = stalling(seed, 2 * STREAM)
+    early = samples.some_of(rows, np.arange(0, STREAM, 5))
+    base = refresh.based_on(early, np.ones(3), STALLING)
+    known = learner.start(base, capacity=round(share * 2 * STREAM))
+    fresh = refresh.refreshed(learner.observe(known, rows, 0), STALLING)
+    batch = learner.observe(learner.start(fresh.base, capacity=1), rows, 0)
+    unseen = _scaled(scale, middle, *stream(seed + 1, 400))
+    own = (SPREAD / scale.unit) ** 2
+    found = [_nlpd(learner.posterior(one), unseen, own) for one in (fresh, batch)]
+    return 3.0 * (found[0] - found[1])
+
+
+def stalling(seed: int, count: int) -> tuple[Rows, Scaling, np.ndarray]:
+    """A stream, with its scaling and its means."""
+    inputs, values = stream(seed, count)
+    scale, middle = samples.scaling(inputs, values), values.mean(axis=0)
+    return _scaled(scale, middle, inputs, values), scale, middle
+
+
+def _scaled(scale: Scaling, middle: np.ndarray, where: np.ndarray, what: np.ndarray) -> Rows:
+    return samples.rows(scale, where, what - middle, np.broadcast_to(SPREAD**2, what.shape))
 
 
 def _nlpd(known: posterior.Posterior, rows: Rows, noise: np.ndarray) -> float:
@@ -272,14 +303,14 @@ Ask = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 def _streamed(make: Callable[[np.ndarray, np.ndarray], tuple[Step, Ask]]) -> Row:
     """Of several streams: time of a chunk, and means of error, coverage and NLPD at the end."""
-    runs = [_one_stream(make, seed) for seed in STREAMS]
+    runs = [one_stream(make, seed) for seed in STREAMS]
     second, last, error, held, density = (np.mean(part, axis=0) for part in zip(*runs, strict=True))
     whole, below, past = (f"{100 * one:.0f} %" for one in held)
     return (f"{second:.3f} s", f"{last:.3f} s", " / ".join(f"{one:.1f}" for one in error),
             whole, f"{below} / {past}", f"{density:.2f}")  # fmt: skip
 
 
-def _one_stream(
+def one_stream(
     make: Callable[[np.ndarray, np.ndarray], tuple[Step, Ask]], seed: int
 ) -> tuple[float, float, np.ndarray, np.ndarray, float]:
     inputs, values = stream(seed, STREAM)
@@ -316,7 +347,7 @@ def _learning(inputs: np.ndarray, values: np.ndarray, *, local_part: bool) -> tu
     scale = samples.scaling(inputs, values)
 
     def rows(where: np.ndarray, what: np.ndarray) -> Rows:
-        return samples.rows(scale, where, what - middle, np.broadcast_to(SPREAD**2, what.shape))
+        return _scaled(scale, middle, where, what)
 
     first = rows(inputs, values)
     base = refresh.based_on(first, np.ones(3), STALLING)

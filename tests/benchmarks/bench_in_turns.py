@@ -25,15 +25,13 @@ from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.estimate.result import AeroModel  # noqa: E402
 from gcs_sysid.gp import fitting  # noqa: E402
 from gcs_sysid.gp.aerodynamics import LearnedModel  # noqa: E402
-from gcs_sysid.offline import (  # noqa: E402
-    aided_fit,
-    flight,
-    identify,
-    learned,
-    maneuver_choice,
-    model_store,
+from gcs_sysid.offline import aided_fit, identify, learned, model_store  # noqa: E402
+from gcs_sysid.offline.flight import Flight  # noqa: E402
+from tests.benchmarks import (  # noqa: E402
+    bench_filter_error_cost,
+    bench_lacking,
+    table,
 )
-from tests.benchmarks import bench_lacking, table  # noqa: E402
 from tests.benchmarks.bench_filter_error import true_flow  # noqa: E402
 
 EFFORT = replace(learned.EFFORT, always=True, local=False)
@@ -64,14 +62,7 @@ def rounds(folder: Path, words: str, *, vanes: bool) -> list[tuple[str, ...]]:
         method="filter-error",
     )
     stored = model_store.load(folder / "usual")
-    one = flight.read(
-        folder / "flights" / "first.tlog",
-        described,
-        vehicle=None,
-        segments=maneuver_choice.chooser(None, described),
-        delay=None,
-        progress=quiet,
-    )
+    one = bench_filter_error_cost.read(folder / "flights" / "first.tlog", described)
     fits, controls = stored.model.fits, stored.model.controls
     polynomial = AeroModel(fits, controls)
     kept = ", ".join(sorted(getattr(stored.model, "outputs", ()))) or "none"
@@ -79,12 +70,14 @@ def rounds(folder: Path, words: str, *, vanes: bool) -> list[tuple[str, ...]]:
     for number in range(ROUNDS + 1):
         seen = aided_fit.seen_by(one, model, quiet)
         gained = seen.log_likelihood - best
+        leaves = learned.samples(polynomial, [seen.flight], None)
         rows.append(
             (
                 words,
                 "polynomial" if number == 0 else f"round {number}",
                 "" if number == 0 else f"{gained:+.1f}",
                 *errors(described, model, folder),
+                left(seen.flight, leaves.values[:, learned.outputs(polynomial).index("CZ")]),
                 kept if number == 0 else "all",
             )
         )
@@ -92,11 +85,17 @@ def rounds(folder: Path, words: str, *, vanes: bool) -> list[tuple[str, ...]]:
         if number and gained < STOPPED:
             break
         best = max(best, seen.log_likelihood)
-        found = fitting.fit(learned.samples(polynomial, [seen.flight], None), EFFORT)
+        found = fitting.fit(leaves, EFFORT)
         model = LearnedModel(
             fits, controls, found, learned.inputs(polynomial), learned.outputs(polynomial)
         )
     return rows
+
+
+def left(one: Flight, values: np.ndarray) -> str:
+    """What the polynomial leaves of CZ at the filter's states, in % of CZ's spread."""
+    measured = one.samples.measured["CZ"][one.pieces() >= 0]
+    return f"{100.0 * np.std(values) / np.std(measured):.1f}"
 
 
 def errors(described: Aircraft, model: AeroModel, folder: Path) -> list[str]:
@@ -130,7 +129,7 @@ def main() -> None:
         "A lift slope that breaks: states and processes in turns, % error on another flight "
         "against what flew",
         ("flow", "model", "likelihood [nat]", "CZ", "CZ past the break", "forces", "moments",
-         "earned their place"),
+         "polynomial leaves of CZ, its own flight", "earned their place"),
         rows,
     )  # fmt: skip
 

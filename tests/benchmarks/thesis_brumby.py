@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -77,6 +77,7 @@ def brumby(out: Path) -> None:
     _against_measured(methods, tested, inputs)
     _against_truth(methods, tested["filter"], inputs)
     _calibrated(methods, tested, inputs)
+    _angles(first["filter"], tested["filter"], inputs)
     flight = tested["filter"][DRAWN]
     begins = float(np.quantile(flight.table["t"], 0.4))
     drawn = {one.name: one.ask for one in methods if one.states == "filter"}
@@ -319,20 +320,50 @@ def _calibrated(
     """Densities and intervals on the unseen flights, noise of the measurement included."""
     rows: list[Row] = []
     for one in methods:
-        density, held = [], []
-        for flight in tested.get(one.states, {}).values():
-            found, deviation = one.ask(flight.inputs(inputs))
-            total = deviation if one.whole else np.hypot(deviation, flight.noise)
-            total = np.hypot(total, _by_lasting(one, flight, inputs))
-            density.append(flights.nlpd(found, total, flight.measured))
-            held.append(100.0 * flights.coverage(found, total, flight.measured))
-        if density:
-            inside = [f"{value:.0f}" for value in np.mean(held, axis=0)]
-            rows.append((one.name, one.states, f"{np.mean(density):.2f}", *inside))
+        seen = tested.get(one.states, {}).values()
+        if not seen:
+            continue
+        rows.append((one.name, one.states, *_inside(one, seen, inputs)))
+        if one.taken is not None and one.taken.any():
+            given = replace(one, taken=None)
+            name = f"{one.name}, states taken as given"
+            rows.append((name, one.states, *_inside(given, seen, inputs)))
     table.show(
         "thesis_calibration",
         "Brumby: mean NLPD of measured coefficients on unseen flights [nat], % in 95 % intervals",
         ("method", "states", "NLPD", *COEFFICIENTS),
+        rows,
+    )
+
+
+def _inside(one: Method, seen: Iterable[Flight], inputs: Sequence[str]) -> tuple[str, ...]:
+    """Mean density, and the share in 95 % intervals of each coefficient [%]."""
+    density, held = [], []
+    for flight in seen:
+        found, deviation = one.ask(flight.inputs(inputs))
+        total = deviation if one.whole else np.hypot(deviation, flight.noise)
+        total = np.hypot(total, _by_lasting(one, flight, inputs))
+        density.append(flights.nlpd(found, total, flight.measured))
+        held.append(100.0 * flights.coverage(found, total, flight.measured))
+    return (f"{np.mean(density):.2f}", *(f"{value:.0f}" for value in np.mean(held, axis=0)))
+
+
+def _angles(first: Flight, tested: Mapping[str, Flight], inputs: Sequence[str]) -> None:
+    """How far the filter's flow angles are off, all flight and from sample to sample."""
+    rows: list[Row] = []
+    for name, flight in {"1": first, **tested}.items():
+        off = np.degrees(flight.inputs(inputs) - flight.true_inputs)
+        lasting = np.degrees(np.sqrt(flight.lasting(inputs)))
+        for column, angle in enumerate(("alpha", "beta")):
+            whole = np.degrees(np.sqrt(np.mean(flight.table[f"{angle}_sd"] ** 2)))
+            passing = np.sqrt(whole**2 - lasting[column] ** 2)
+            cells = (off[:, column].mean(), lasting[column], off[:, column].std(), passing)
+            rows.append((name, angle, *(f"{cell:.2f}" for cell in cells)))
+    table.show(
+        "thesis_angles",
+        "Brumby, flow angles of the filter that holds the model of flight 1: error of the mean and "
+        "about it, each with what is stated of it [°]",
+        ("flight", "angle", "mean off", "lasting sd", "off about it", "sd"),
         rows,
     )
 

@@ -107,7 +107,7 @@ def run(
     out.mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(draws, start=1):
         kept = out / f"{name(one)}.json"
-        held = None if again else _read(kept, one)
+        held = None if again else read(kept, one)
         if held is None:
             folder = out / f"{kept.stem}.flight"
             try:
@@ -115,7 +115,7 @@ def run(
             finally:
                 if not keep:
                     shutil.rmtree(folder, ignore_errors=True)
-            _write(kept, held)
+            write(kept, held)
         result = _result(one, held)
         hidden = " + ".join(sorted(one.causes)) or "none"
         sys.stderr.write(f"{number}/{len(draws)}  {kept.stem}: {hidden} -> {result.score.said}\n")
@@ -159,7 +159,7 @@ def _flown(one: Draw, folder: Path, *, bound: bool) -> dict[str, Any]:
     }
 
 
-def _read(path: Path, one: Draw) -> dict[str, Any] | None:
+def read(path: Path, one: Draw) -> dict[str, Any] | None:
     """What is held of a draw, unless it was another one then."""
     if not path.exists():
         return None
@@ -167,7 +167,7 @@ def _read(path: Path, one: Draw) -> dict[str, Any] | None:
     return held if held["draw"] == json.loads(json.dumps(asdict(one))) else None
 
 
-def _write(path: Path, document: dict[str, Any]) -> None:
+def write(path: Path, document: dict[str, Any]) -> None:
     """At once, so that an interrupted campaign leaves no half of a file."""
     part = path.with_suffix(".part")
     part.write_text(json.dumps(document, indent=1), encoding="utf-8")

@@ -23,8 +23,7 @@ from typing import Any
 from gcs_sysid.sitl import record
 from gcs_sysid.sitl import scenario as scenarios
 from tests.benchmarks import suggested, table
-from tests.blind import fly, score
-from tests.blind.campaign import KEPT
+from tests.blind import campaign, fly, score
 from tests.blind.draw import Draw, Fixed, draw, load
 from tests.blind.fly import Recorded
 from tests.blind.score import Score
@@ -148,20 +147,12 @@ def _finished(pair: Pair, asked: argparse.Namespace) -> tuple[Pair, Draw, dict[s
     )
     one = replace(draw(index, seed=asked.seed, fixed=fixed), plan="usual")
     kept = asked.out / f"{index:02d}-{pair.cause}-{pair.aircraft}-{asked.seed}.json"
-    described = json.loads(json.dumps(asdict(one)))
-    if kept.exists() and not asked.again:
-        held = json.loads(kept.read_text(encoding="utf-8"))
-        if held["draw"] == described:
-            return pair, one, held
-    found = {
-        "draw": described,
-        "cores": len(os.sched_getaffinity(0)),
-        **_flown(one, asked.out / kept.stem),
-    }
-    part = kept.with_suffix(".part")
-    part.write_text(json.dumps(found, indent=1), encoding="utf-8")
-    part.replace(kept)
-    return pair, one, found
+    held = None if asked.again else campaign.read(kept, one)
+    if held is None:
+        cores = len(os.sched_getaffinity(0))
+        held = {"draw": asdict(one), "cores": cores, **_flown(one, asked.out / kept.stem)}
+        campaign.write(kept, held)
+    return pair, one, held
 
 
 def _flown(one: Draw, folder: Path) -> dict[str, Any]:
@@ -214,7 +205,7 @@ def _second(one: Draw, folder: Path) -> Path:
 
 
 def _kept(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: diagnosis[key] for key in KEPT if key in diagnosis}
+    return {key: diagnosis[key] for key in campaign.KEPT if key in diagnosis}
 
 
 def _row(pair: Pair, one: Draw, held: Mapping[str, Any]) -> tuple[object, ...]:

@@ -35,6 +35,7 @@ from gcs_sysid.offline import aided_fit
 from gcs_sysid.reconstruct.causal import Pass, Path, Told
 from gcs_sysid.reconstruct.linear_filter import Belief
 from tests.estimate import made_flight as made
+from tests.estimate.made_scored import scored
 
 pytestmark = pytest.mark.slow
 
@@ -341,7 +342,6 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
     told = Told(np.zeros((1, 1)), np.zeros(1), 0.0)
     path = Path([], Belief(jnp.zeros(1), jnp.zeros((1, 1))))
     nothing = Pass(told, told, path, np.zeros((1, 1)), np.zeros(1), *[np.zeros((1, 1))] * 2)
-    free = np.zeros(1, dtype=bool)
     lefts: list[float] = []
 
     def begun(*stretches: tuple[float, float]) -> float:
@@ -360,13 +360,7 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
             moving = dict(stretches)[settled.left]
             if np.isnan(moving):
                 raise LostError
-            one = np.ones((1, 1))
-            return Scored(
-                *(FIRST, (free, free), Curvature(one, one, one), one, one, one, (0.0,)),
-                ended=moving < 0.25,
-                moving=moving,
-                moved=np.zeros((1, 1)),
-            )
+            return scored(np.ones((1, 1)), unknowns=FIRST, ended=moving < 0.25, moving=moving)
 
         monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
         monkeypatch.setattr(settling, "settle", settle)
@@ -396,30 +390,30 @@ def test_a_search_that_is_astray_on_the_whole_flight_begins_on_another_stretch(
     monkeypatch,
 ) -> None:
     """By how much a derivative is still to move, and the log-likelihood, at each end."""
-    one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
     overall: list[tuple[float, float]] = []
     flight = flown()
 
-    def scored(moving: float, likely: float) -> Scored:
-        return Scored(
-            *(FIRST, free, Curvature(one, one, one), one, one, one, (likely,)),
+    def at(moving: float, likely: float) -> Scored:
+        return scored(
+            np.ones((1, 1)),
+            unknowns=FIRST,
+            log_likelihood=likely,
             ended=moving < 0.25,
             moving=moving,
-            moved=np.zeros((1, 1)),
         )
 
     def reached(*ends: tuple[float, float]) -> tuple[float, float]:
         """Where each stretch leads on the whole flight: what was reached at last."""
         overall[:] = ends
         monkeypatch.setattr(
-            filter_error, "_beginnings", lambda *_: ((scored(0.1, 0.0), False) for _ in ends)
+            filter_error, "_beginnings", lambda *_: ((at(0.1, 0.0), False) for _ in ends)
         )
 
         def over_all(*_) -> Scored:
             moving, likely = overall.pop(0)
             if np.isnan(moving):
                 raise LostError
-            return scored(moving, likely)
+            return at(moving, likely)
 
         monkeypatch.setattr(filter_error, "_over_all", over_all)
         none = Beliefs(np.zeros(1), np.zeros((1, 1)), Prior(FIRST.log_noise, FIRST.log_noise))
@@ -474,20 +468,6 @@ def test_a_search_ends_where_intensities_promise_what_is_not_there(
     damping, gained, farthest, wanted
 ) -> None:
     assert scoring._last(damping, gained, np.array([0.01, farthest])) is wanted
-
-
-@pytest.mark.parametrize(
-    ("ended", "moving", "wanted"), [(True, 0.1, True), (False, 0.7, True), (False, 1.1, False)]
-)
-def test_a_search_that_stopped_tells_what_it_nearly_reached(ended, moving, wanted) -> None:
-    one, free = np.ones((1, 1)), (np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
-    done = Scored(
-        *(FIRST, free, Curvature(one, one, one), one, one, one, (0.0,)),
-        ended=ended,
-        moving=moving,
-        moved=np.zeros((1, 1)),
-    )
-    assert done.settled is wanted
 
 
 def test_the_lag_of_the_moments_is_believed_to_a_millisecond() -> None:

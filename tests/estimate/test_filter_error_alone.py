@@ -11,9 +11,8 @@ from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.estimate import filter_error, in_common
 from gcs_sysid.estimate.flight_rows import Unknowns
-from gcs_sysid.estimate.likelihood import Curvature
-from gcs_sysid.estimate.scoring import Scored
 from tests.estimate import made_flight as made
+from tests.estimate.made_scored import scored
 
 SEEN = np.array([[40.0, 9.0], [9.0, 25.0]])
 """Information of a flight about two derivatives; of the others nothing is sought."""
@@ -28,25 +27,17 @@ def alone(
     """Information and values of the flight alone, and the covariance with the beliefs."""
     known = made.unknowns(1.0)
     flat, unravel = ravel_pytree(known.means)
-    free = np.zeros(flat.size, dtype=bool)
-    free[:2] = True
     values = np.zeros(flat.size)
     values[:2] = np.linalg.solve(slope + precision, slope @ SAYS + precision @ BELIEVED)
     mean = np.zeros(flat.size)
     mean[:2] = BELIEVED
-    quiet = np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)
-    done = Scored(
+    done = scored(
+        slope,
         unknowns=Unknowns(unravel(jnp.asarray(values)), known.log_noise),
-        free=(free, quiet),
-        curvature=Curvature(slope, scatter, scatter),
+        scatter=scatter,
+        precision=precision,
         # Scores of two stretches that scatter as they should.
         blocks=np.sqrt(0.5 * np.diagonal(scatter)) * np.array([[1.0, 1.0], [-1.0, -1.0]]),
-        precision=precision,
-        whitened=np.zeros((1, 1)),
-        log_likelihood=(0.0,),
-        ended=True,
-        moving=0.0,
-        moved=np.zeros((1, flat.size)),
     )
     common = in_common.places(known.means)
     said = filter_error._said(done, mean, common)
@@ -82,23 +73,8 @@ def test_equations_that_weigh_a_flight_too_little_leave_it_what_it_says() -> Non
 
 def test_what_no_row_tells_is_not_bounded_and_stays_as_believed() -> None:
     """The bound of two derivatives, one without information; what was believed of them is left."""
-    known = made.unknowns(1.0)
-    parameters = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
-    parameters[:3] = True
     information = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]])
-    intensities_ = np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)
-    done = Scored(
-        unknowns=known,
-        free=(parameters, intensities_),
-        curvature=Curvature(information, information, information),
-        blocks=np.zeros((2, 3)),
-        precision=np.diag([10.0, 10.0, 1.0]),
-        whitened=np.zeros((1, 1)),
-        log_likelihood=(0.0,),
-        ended=True,
-        moving=0.0,
-        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
-    )
+    done = scored(information, precision=np.diag([10.0, 10.0, 1.0]))
     bound = filter_error._bound(done, 2)
     np.testing.assert_allclose(np.diagonal(bound), [2.0 / 7.0, np.inf])
     np.testing.assert_allclose(done.covariance()[1], [0.0, 0.1, 0.0], atol=1e-12)
@@ -106,21 +82,7 @@ def test_what_no_row_tells_is_not_bounded_and_stays_as_believed() -> None:
 
 def test_sums_that_move_less_are_known_less() -> None:
     """Godambe: A⁻¹ M A⁻ᵀ, here 2⁻¹ · 4 · 2⁻¹."""
-    known = made.unknowns(1.0)
-    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
-    free[0] = True
-    done = Scored(
-        unknowns=known,
-        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
-        curvature=Curvature(np.array([[2.0]]), np.array([[4.0]]), np.array([[4.0]])),
-        blocks=np.zeros((2, 1)),
-        precision=np.zeros((1, 1)),
-        whitened=np.zeros((1, 1)),
-        log_likelihood=(0.0,),
-        ended=True,
-        moving=0.0,
-        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
-    )
+    done = scored(np.array([[2.0]]), scatter=np.array([[4.0]]))
     np.testing.assert_allclose(done.covariance(), [[1.0]])
     stopped = replace(done, ended=False, moving=0.5)
     np.testing.assert_allclose(stopped.covariance(), [[1.25]])
@@ -128,21 +90,14 @@ def test_sums_that_move_less_are_known_less() -> None:
 
 def test_a_search_that_stopped_leaves_what_was_believed_as_it_was() -> None:
     """Of two derivatives the flight tells the sum; their difference is as it was believed."""
-    known = made.unknowns(1.0)
-    free = np.zeros(ravel_pytree(known.means)[0].size, dtype=bool)
-    free[:2] = True
     told, believed = np.full((2, 2), 50.0), np.diag([4.0, 1.0])
-    done = Scored(
-        unknowns=known,
-        free=(free, np.zeros(ravel_pytree(known.log_noise)[0].size, dtype=bool)),
-        curvature=Curvature(told, told, told),
-        blocks=np.zeros((2, 2)),
-        precision=believed,
-        whitened=np.zeros((1, 1)),
-        log_likelihood=(0.0,),
-        ended=False,
-        moving=3.0,
-        moved=np.zeros((1, ravel_pytree(known.means)[0].size)),
-    )
+    done = scored(told, precision=believed, ended=False, moving=3.0)
     left = np.linalg.inv(done.covariance()) - believed
     np.testing.assert_allclose(left, told / 10.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("ended", "moving", "wanted"), [(True, 0.1, True), (False, 0.7, True), (False, 1.1, False)]
+)
+def test_a_search_that_stopped_tells_what_it_nearly_reached(ended, moving, wanted) -> None:
+    assert scored(np.ones((1, 1)), ended=ended, moving=moving).settled is wanted

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_sysid.estimate import equation_error
 from gcs_sysid.estimate.result import CoefficientFit, Prior
-from gcs_sysid.estimate.verdict import blurred, collinear_with, judge
+from gcs_sysid.estimate.verdict import LAGGING, Verdict, blurred, collinear_with, judge
 from tests.estimate.made_problems import KEYS, TRUE, coloured, columns, problem
 
 
@@ -84,6 +84,15 @@ def test_wrong_mass_properties_are_named_where_they_are_the_largest_part(
     verdict = judge(equation_error.solve(stated, None), KEYS.index("alpha"), None)
     assert verdict.answer == "weak"
     assert verdict.reason == "mass, inertia or thrust are not known well enough"
+
+
+def test_the_lag_is_named_where_it_is_the_largest_part(matrix: np.ndarray) -> None:
+    fit, row = fitted(matrix, scatter=0.002), KEYS.index("alpha")
+    lag = np.zeros(len(KEYS))
+    lag[row] = 0.3 * abs(fit.value[row])
+    late = replace(fit, deviations={**fit.deviations, "lag": lag})
+    assert judge(late, row, None) == Verdict("weak", LAGGING)
+    assert judge(fit, row, None).answer == "yes"
 
 
 def test_too_short_a_flight_is_said_to_be_short(matrix: np.ndarray) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.estimate import equation_error
+from gcs_sysid.estimate.verdict import LAGGING
 from gcs_sysid.offline import advice
 from tests.estimate.made_problems import TRUE, columns, problem
 
@@ -50,6 +51,7 @@ def test_what_is_known_and_the_constants_are_not_listed() -> None:
         ("h_over_b", "h_over_b hardly moved: 0 % of the variation", "h_over_b varies"),
         ("alpha", "gusts: the flow was not measured well enough", "calm air"),
         ("elevator", "mass, inertia or thrust are not known well enough", "weigh the aircraft"),
+        ("elevator", LAGGING, "which no flight betters"),
     ],
 )
 def test_the_maneuver_fits_the_term_and_the_reason(key: str, reason: str, word: str) -> None:

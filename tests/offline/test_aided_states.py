@@ -55,7 +55,7 @@ def test_an_error_of_the_lift_bends_the_angle_of_attack_that_makes_it(
 
 
 def test_the_variance_is_that_of_the_modelled_force_over_its_slope() -> None:
-    """By the covariance of the fit; of beta nothing is said where no side force was fitted."""
+    """By the covariance of the fit; of beta nothing is said where no side force tells it."""
     model = made_models.model()
     values = made_models.conditions(5, 40)
     samples: Samples = replace(
@@ -65,6 +65,8 @@ def test_the_variance_is_that_of_the_modelled_force_over_its_slope() -> None:
     assert set(found) == {"alpha"}
     fit = model.fits["CZ"]
     terms = np.stack([np.ones(40), values["alpha"], values["alpha"] ** 2, values["elevator"]])
-    slope = fit.value[1] + 2.0 * fit.value[2] * values["alpha"]
+    slope = np.mean(fit.value[1] + 2.0 * fit.value[2] * values["alpha"])
     force = np.einsum("is,ij,js->s", terms, fit.covariance, terms)
     np.testing.assert_allclose(found["alpha"], force / slope**2, rtol=1e-9)
+    without = replace(model, fits={**model.fits, "CY": model.fits["Cm"]})
+    assert set(aided_states.unsure_of(samples, without).regressor_lasting) == {"alpha"}
