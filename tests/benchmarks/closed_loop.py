@@ -2,9 +2,9 @@
 
 `make bench-maneuvers` runs all of it, days of one core;
 `make bench-maneuvers BENCH="--aircraft ultra_stick_25e --seeds 1"` a part of it. What is finished
-is kept in `--out`, a file an aircraft and seed, and not flown again. Every arm gets the same time
-of inputs at the same limits, and is identified together with the same first flight, as `identify`
-does it without options:
+is kept in `--out`, a file an aircraft and seed, and not flown again. Every arm flies as long, turns
+and straight flight between inputs counted, and is identified together with the same first flight,
+as `identify` does it without options:
 
 - `suggested`: the sortie of `suggest`;
 - `untuned`: 3-2-1-1 and doublets with steps of half a second and 3°, whatever the aircraft;
@@ -12,8 +12,9 @@ does it without options:
 - `d-optimal`: orthogonal multisines on all controls, as large as these may be, chosen by the
   determinant of the information alone, without what is known already.
 
-Inputs are as long for all, flights are not: many short ones have more straight flight and turns
-between them, and in gusts these teach as well. How long each arm flew is in the table.
+Time in the air is what flying costs, and in gusts straight flight teaches too: with inputs as long
+for all, many short ones would fly three times as long as a few long ones. How long the inputs of
+each arm are is in the table.
 
 `--rounds 3` flies whole sorties instead, one suggested after the other was identified, until
 `suggest --confidence 0.1` has nothing to ask for, and tells how far that was true each time.
@@ -22,6 +23,7 @@ between them, and in gusts these teach as well. How long each arm flew is in the
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import sys
@@ -61,10 +63,8 @@ from tests.benchmarks.suggested import Run  # noqa: E402
 DATA = ROOT / "data" / "aircraft"
 ALL = ("ultra_stick_25e", "brumby_mk3", "skywalker_x8", "aerosonde", "ad1_00")
 ARMS = ("suggested", "untuned", "well-timed", "d-optimal")
-TIME = 60.0
-"""Of inputs in every arm [s]."""
 MINUTES = 2.3
-"""Of flight, turns and settling included: a minute of multisines."""
+"""Of flight in every arm, turns and settling included: a minute of multisines."""
 GUST = 0.5
 """Vertical gusts [m/s], that of a moderate breeze."""
 CONFIDENCE = 0.1
@@ -128,13 +128,14 @@ def main() -> None:
         rows += [_row(name, arm, seeds) for arm in chosen.arms]
     table.show(
         "suggested_maneuvers",
-        f"Moment derivatives after {TIME:.0f} s of inputs in gusts of {GUST} m/s, beside a first "
-        f"flight; means over {chosen.seeds} seeds; sd is without what no flight changes, "
+        f"Moment derivatives after {MINUTES} minutes of flight in gusts of {GUST} m/s, beside a "
+        f"first one; means over {chosen.seeds} seeds; sd is without what no flight changes, "
         "mass, inertia and the moments' lag",
         (
             "aircraft",
             "inputs",
             "minutes flown",
+            "of inputs",
             "error",
             "sd",
             "sd with lag",
@@ -157,7 +158,10 @@ def _row(name: str, arm: str, seeds: Sequence[dict[str, dict]]) -> tuple[object,
     return (
         name,
         arm,
-        f"{np.mean([score['minutes'] for score in scores]):.1f}",
+        *(
+            f"{np.mean([score[what] for score in scores]):.1f}"
+            for what in ("minutes", "input_minutes")
+        ),
         f"{100.0 * np.mean([score['error'] for score in scores]):.2f} %",
         f"{100.0 * np.mean([score['sd'] for score in scores]):.2f} %",
         f"{100.0 * np.mean([score['sd_with_lag'] for score in scores]):.2f} %",
@@ -276,8 +280,17 @@ def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     method = summary["method"]["name"]
     scored = closed_loop_scores.score(model_store.load(out).model, real, foretold)
-    minutes = sum(leg.duration for leg in planned.legs) / 60.0
-    return {**scored, **outside, "minutes": minutes, "method": method}
+    return {**scored, **outside, **_minutes(planned.legs), "method": method}
+
+
+def _minutes(legs: Sequence[Leg]) -> dict[str, float]:
+    """Of flight, and of inputs."""
+    inputs = sum(max((test.duration for test in leg.inputs), default=0.0) for leg in legs)
+    return {"minutes": _seconds(legs) / 60.0, "input_minutes": inputs / 60.0}
+
+
+def _seconds(legs: Sequence[Leg]) -> float:
+    return sum(leg.duration for leg in legs)
 
 
 def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
@@ -360,22 +373,24 @@ def _planned(arm: str, known: Known) -> Planned:
     if arm == "suggested":
         return _suggested(known)
     if arm == "untuned":
-        return Planned(_flown(_untuned(believed), believed), None)
+        runs = _untuned(believed)
+        return Planned(_flown([runs[place] for place in _filling(runs)], believed), None)
     wanted = ("multistep", "doublet") if arm == "well-timed" else ("all_multisine",)
     pool = _pool(known, wanted)
     if arm == "d-optimal":
         pool = [max(pool, key=_determinant)]
-    order = _for_a_minute([(item.recipe.duration, index) for index, item in enumerate(pool)] * 40)
     names = (*believed.control_names, "throttle")
     runs = [
         Run(
-            pool[index].airspeed,
-            pool[index].recipe.duration,
-            {name: pool[index].added[:, place] for place, name in enumerate(names)},
+            item.airspeed,
+            item.recipe.duration,
+            {name: item.added[:, place] for place, name in enumerate(names)},
         )
-        for index in order
+        for item in pool
     ]
-    return Planned(_flown(runs, believed), [pool[index].knowledge() for index in order])
+    order = _filling(runs)
+    flown = _flown([runs[place] for place in order], believed)
+    return Planned(flown, [pool[place].knowledge() for place in order])
 
 
 def _suggested(known: Known) -> Planned:
@@ -383,16 +398,18 @@ def _suggested(known: Known) -> Planned:
     document = known.document
     names = [step["maneuver"] for step in document["sortie"]["steps"] if step["share"] == 1.0]
     entries = {item["name"]: item for item in document["maneuvers"]}
-    taken = _for_a_minute([(entries[name]["duration_s"], name) for name in names])
-    columns = {
-        name: suggested.columns(known.folder / "suggest" / entries[name]["csv"]) for name in taken
-    }
-    taught = {name: _taught(known, entries[name]) for name in columns}
     runs = [
-        Run(entries[name]["entry"]["airspeed"], entries[name]["duration_s"], columns[name])
-        for name in taken
+        Run(
+            entries[name]["entry"]["airspeed"],
+            entries[name]["duration_s"],
+            suggested.columns(known.folder / "suggest" / entries[name]["csv"]),
+        )
+        for name in names
     ]
-    return Planned(_flown(runs, known.believed), [taught[name] for name in taken])
+    order = _filling(runs)
+    taught = {names[place]: _taught(known, entries[names[place]]) for place in order}
+    flown = _flown([runs[place] for place in order], known.believed)
+    return Planned(flown, [taught[names[place]] for place in order])
 
 
 def _taught(known: Known, entry: dict[str, Any]) -> Knowledge:
@@ -414,31 +431,28 @@ def _taught(known: Known, entry: dict[str, Any]) -> Knowledge:
     raise ValueError(f"no recipe for {entry['name']}")
 
 
-def _for_a_minute(items: Sequence[tuple[float, object]]) -> list:
-    """So many of the items, over and over, that their inputs take `TIME`."""
-    taken, used = [], 0.0
-    for duration, item in [*items] * 20:
-        if used + duration > TIME:
+def _filling(runs: Sequence[Run]) -> list[int]:
+    """Places of so many of the runs, over and over, that flying them takes `MINUTES`."""
+    taken: list[int] = []
+    for place in itertools.cycle(range(len(runs))):
+        longer = [*taken, place]
+        if _seconds(suggested.legs([runs[one] for one in longer], 0.0)) > 60.0 * MINUTES:
             break
-        taken.append(item)
-        used += duration
+        taken = longer
     return taken
 
 
 def _untuned(believed: Aircraft) -> list[Run]:
+    """Both inputs on one control after the other."""
     low, high = closed_loop_scores.envelope(believed).airspeed
     speed = low + 0.45 * (high - low)
-    one = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0], 25) * math.radians(3.0)
-    two = np.repeat([1.0, -1.0], 25) * math.radians(3.0)
-    runs, used, index = [], 0.0, 0
-    while True:
-        shape = one if index % 2 == 0 else two
-        name = believed.control_names[(index // 2) % len(believed.control_names)]
-        duration = 0.02 * shape.size
-        if used + duration > TIME:
-            return runs
-        runs.append(Run(speed, duration, {name: shape}))
-        used, index = used + duration, index + 1
+    shapes = ((1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0), (1.0, -1.0))
+    steps = [np.repeat(shape, 25) * math.radians(3.0) for shape in shapes]
+    return [
+        Run(speed, suggested.STEP * step.size, {name: step})
+        for name in believed.control_names
+        for step in steps
+    ]
 
 
 def _pool(known: Known, wanted: Sequence[str]) -> list[Maneuver]:
