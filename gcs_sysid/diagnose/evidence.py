@@ -28,21 +28,28 @@ class Information:
         gram: XᵀX.
         score: Xᵀy.
         count: number of rows.
+        shared: log density with every unknown at 0 [nat], which all hypotheses share.
     """
 
     gram: Float[np.ndarray, "unknown unknown"]
     score: Float[np.ndarray, " unknown"]
     count: float
+    shared: float = 0.0
 
     def plus(self, other: Information) -> Information:
         """Of independent data taken together."""
         return Information(
-            self.gram + other.gram, self.score + other.score, self.count + other.count
+            self.gram + other.gram,
+            self.score + other.score,
+            self.count + other.count,
+            self.shared + other.shared,
         )
 
     def weighed(self, share: float) -> Information:
         """Of which only a share is worth anything."""
-        return Information(share * self.gram, share * self.score, share * self.count)
+        return Information(
+            share * self.gram, share * self.score, share * self.count, share * self.shared
+        )
 
 
 @dataclass(frozen=True)

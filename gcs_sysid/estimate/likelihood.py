@@ -55,6 +55,11 @@ class Curvature(NamedTuple):
     scatter: Float[np.ndarray, "unknown unknown"]
     information: Float[np.ndarray, "unknown unknown"]
 
+    def of(self, chosen: Bool[np.ndarray, " unknown"]) -> Curvature:
+        """Of some of the unknowns."""
+        here = np.ix_(chosen, chosen)
+        return Curvature(*(matrix[here] for matrix in self))
+
     def on(
         self,
         scatter: Float[np.ndarray, "unknown unknown"],

@@ -97,8 +97,7 @@ def gain(
     Args:
         rows: residuals, see `table`.
         held_out: maneuvers that took no part.
-        before: negative log predictive density of a measurement, relative to that of the simulation
-            taken as exact.
+        before: negative log predictive density of a measurement.
         gained: by how much it is less with what was put right.
     """
     judged = np.isin(rows["maneuver"], held_out)

@@ -253,9 +253,12 @@ def told(
     """
     done, both = found.settled, []
     share = 1.0 / max(settling.scatter(done, before), found.doubt)
-    for part in (found.told, found.apart):
-        score = part.score + part.matrix @ (done.values - before.mean)
-        both.append(of_flight(unknowns, number, part.matrix, score, part.count).weighed(share))
+    moved, rows = done.values - before.mean, done.last.log_likelihood[: done.fitted.size]
+    for part, counts in ((found.told, done.fitted), (found.apart, ~done.fitted)):
+        score = part.score + part.matrix @ moved
+        shared = float(rows[counts].sum() - moved @ (part.score + 0.5 * part.matrix @ moved))
+        one = of_flight(unknowns, number, part.matrix, score, part.count, shared)
+        both.append(one.weighed(share))
     return both[0], both[1]
 
 

@@ -20,11 +20,11 @@ from gcs_sysid.diagnose.evidence import Information, posterior
 def foretold(
     fitted: Information, apart: Information, unknowns: Unknowns, causes: Sequence[Candidate]
 ) -> float:
-    """Log predictive density of what took no part [nat], relative to the file taken as exact."""
+    """Log predictive density of what took no part [nat]."""
     sigma, mean = unknowns.freed(causes)
     sigma = unknowns.alone(causes, sigma)
     both = posterior(fitted.plus(apart), sigma, mean).log_evidence
-    return both - posterior(fitted, sigma, mean).log_evidence
+    return both - posterior(fitted, sigma, mean).log_evidence + apart.shared
 
 
 def gained(

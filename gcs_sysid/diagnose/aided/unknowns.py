@@ -232,6 +232,7 @@ def of_flight(
     matrix: Float[np.ndarray, "parameter parameter"],
     score: Float[np.ndarray, " parameter"],
     count: float,
+    shared: float = 0.0,
 ) -> Information:
     """What one flight says of all unknowns.
 
@@ -241,6 +242,7 @@ def of_flight(
         matrix: information about the flight's parameters.
         score: about their deviation from what the file says.
         count: measurements.
+        shared: log density where nothing deviates.
     """
     places = unknowns.own[number]
     gram = np.zeros((unknowns.parameters, unknowns.parameters))
@@ -248,4 +250,4 @@ def of_flight(
     along = np.zeros(unknowns.parameters)
     along[places] = score
     spread = np.concatenate([np.eye(unknowns.parameters), unknowns.directions], axis=1)
-    return Information(spread.T @ gram @ spread, spread.T @ along, count)
+    return Information(spread.T @ gram @ spread, spread.T @ along, count, shared)

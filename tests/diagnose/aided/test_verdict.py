@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 from gcs_sysid.diagnose import verdict
 from gcs_sysid.diagnose.aided import gain
@@ -135,6 +136,27 @@ def test_a_true_cause_foretells_what_took_no_part_and_a_wrong_one_does_not() -> 
     )
     nothing = Information(0.0 * apart.gram, 0.0 * apart.score, 0.0)
     assert np.isnan(gain.gained(fitted, nothing, listed(), (cg,)))
+
+
+def test_what_is_foretold_is_the_density_of_what_took_no_part_given_the_rest() -> None:
+    """Against normal densities written out: y = X θ + e, one before the other and both."""
+    every, random = listed(), np.random.default_rng(4)
+    sigma = every.alone((), every.freed(())[0])
+    rows = random.standard_normal((60, sigma.size)) / np.where(sigma > 0.0, 2.0 * sigma, 1.0)
+    seen = rows @ (sigma * random.standard_normal(sigma.size)) + random.standard_normal(60)
+
+    def density(chosen: slice) -> float:
+        own = rows[chosen]
+        covariance = np.eye(len(own)) + (own * sigma**2) @ own.T
+        return float(multivariate_normal.logpdf(seen[chosen], cov=covariance))
+
+    def of(chosen: slice) -> Information:
+        own, left = rows[chosen], seen[chosen]
+        shared = float(norm.logpdf(left).sum())
+        return Information(own.T @ own, own.T @ left, float(len(left)), shared)
+
+    found = gain.foretold(of(slice(0, 40)), of(slice(40, 60)), every, ())
+    assert found == pytest.approx(density(slice(0, 60)) - density(slice(0, 40)))
 
 
 def test_only_values_of_the_file_are_called_strained() -> None:
