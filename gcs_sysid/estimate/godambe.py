@@ -49,34 +49,6 @@ def quadratic(
     return moved.T @ moved, moved.T @ (white @ score)
 
 
-def partly_related(
-    slope: Float[np.ndarray, "related related"],
-    scatter: Float[np.ndarray, "unknown unknown"],
-    score: Float[np.ndarray, " unknown"],
-    precision: Float[np.ndarray, "related related"],
-    related: Bool[np.ndarray, " unknown"],
-) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
-    """`quadratic` where only of some unknowns it is known how their errors move scores.
-
-    Of the others scores at held gains say it, less what these share with the related ones: see
-    `widened`.
-
-    Args:
-        slope: A of the related unknowns.
-        scatter: B of all.
-        score: g of all.
-        precision: of what is ordinarily believed of the related ones.
-        related: which they are.
-    """
-    order = np.argsort(~related, kind="stable")
-    here = np.ix_(related, related)
-    own = Told(*quadratic(slope, scatter[here], score[related], precision), 0.0)
-    found = widened(own, Told(scatter[np.ix_(order, order)], score[order], 0.0))
-    matrix, along = np.empty_like(scatter), np.empty_like(score)
-    matrix[np.ix_(order, order)], along[order] = found.matrix, found.score
-    return matrix, along
-
-
 def integrated(
     matrix: Float[np.ndarray, "unknown unknown"],
     score: Float[np.ndarray, " unknown"],

@@ -42,10 +42,6 @@ NEAR = 30.0
 """Where a step promises less, the search has ended, and no instruments are made anew [nat]."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
-RARE = 0.01
-"""Where a stretch knows less of an unknown than this share of what the flight does, it does not
-tell how errors of that unknown show. (An angle of attack that was flown once, for a tenth of a
-second elsewhere: a stall beyond it was promised twenty times what the flight has of it.)"""
 SHARES = (1.0, 0.3, 0.1)
 """Of a step, one after the other, until one gains. What bends is not how well each unknown is known
 but the way: where the centre of gravity moves, the moment's slope has to go along."""
@@ -318,9 +314,5 @@ class _Search:
         scatter, score = likelihood.told(asked, point.whitened, counts)
         if not counts.any():
             return scatter, score
-        known, whole = (np.diagonal(one.scatter) for one in (self._by.curvature, asked.curvature))
-        related = known >= RARE * whole
-        here = np.ix_(related, related)
-        precision = self._by.precision[here]
-        slope = self._by.curvature.of(related).on(scatter[here], precision).slope
-        return godambe.partly_related(slope, scatter, score, precision, related)
+        slope = self._by.curvature.on(scatter, self._by.precision).slope
+        return godambe.quadratic(slope, scatter, score, self._by.precision)

@@ -70,26 +70,6 @@ def test_an_error_in_how_scores_move_is_not_made_much_of() -> None:
     np.testing.assert_allclose(along[1:], score[1:], rtol=0.011)
 
 
-def test_what_is_not_related_says_what_it_says_at_held_gains() -> None:
-    """Less what it shares with the others; of these all is as it is without it."""
-    slope, scatter, score = scored()
-    related = np.array([True, False, True, True])
-    here = np.ix_(related, related)
-    matrix, along = godambe.partly_related(slope[here], scatter, score, SURE[here], related)
-    own, own_along = godambe.quadratic(slope[here], scatter[here], score[related], SURE[here])
-    np.testing.assert_allclose(matrix[here], own)
-    np.testing.assert_allclose(along[related], own_along)
-    views = np.linalg.solve(scatter[here], scatter[related, 1])
-    alone = scatter[1, 1] - scatter[1, related] @ views
-    assert matrix[1, 1] == pytest.approx(alone + views @ own @ views)
-    np.testing.assert_allclose(matrix[1, related], own @ views)
-    assert along[1] == pytest.approx(score[1] + views @ (own_along - score[related]))
-    # Where A is B it is information and slope as they are.
-    whole, straight = godambe.partly_related(scatter[here], scatter, score, SURE[here], related)
-    np.testing.assert_allclose(whole, scatter)
-    np.testing.assert_allclose(straight, score)
-
-
 def test_nothing_measured_says_nothing() -> None:
     none = np.zeros((3, 3))
     matrix, along = godambe.quadratic(none, none, np.zeros(3), none)

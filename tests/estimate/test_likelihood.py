@@ -180,3 +180,23 @@ def test_a_flight_of_four_stretches_is_four_times_as_curved() -> None:
     np.testing.assert_allclose(found.information[:2, :2], 4.0 * information[:2, :2])
     np.testing.assert_allclose(found.slope[2], flight[2], atol=1e-12)
     np.testing.assert_array_equal(found.scatter, flight)
+
+
+def test_what_only_gains_know_of_a_stretch_is_not_taken_over() -> None:
+    """A bend that the stretch hardly reaches moves its sums a hundred times as far as they scatter.
+
+    The flight that reaches it more often is not said to know more than some times its scatter,
+    and what it knows of everything else is as it was without the bend.
+    """
+    slope = np.array([[2.0, 0.5, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, -1.0]])
+    scatter = np.array([[3.0, 0.6, 0.0], [0.6, 1.5, 0.0], [0.0, 0.0, 0.01]])
+    stretch = likelihood.Curvature(slope, scatter, scatter)
+    prior = np.zeros((3, 3))
+    flight = 4.0 * scatter
+    flight[2, 2] = 7.0
+    flight[0, 2] = flight[2, 0] = 0.7
+    found = stretch.on(flight, prior)
+    told = found.slope.T @ np.linalg.solve(flight, found.slope)
+    assert told[2, 2] <= likelihood.SWOLLEN**2 * flight[2, 2]
+    alone = stretch.slope[:2, :2].T @ np.linalg.solve(scatter[:2, :2], slope[:2, :2])
+    np.testing.assert_allclose(np.diagonal(told)[:2], 4.0 * np.diagonal(alone), rtol=0.05)
