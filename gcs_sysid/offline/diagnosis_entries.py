@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gcs_sysid.diagnose.aided.power import Power
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
@@ -138,22 +139,41 @@ def detectable(
     candidates: Sequence[Candidate],
     deviations: Sequence[Sequence[float]],
     sizes: Mapping[str, float],
+    powers: Sequence[Sequence[Power]] | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """How well the flights would know each cause's parameters, were it the only one."""
+    """What the flights would know of each cause's parameters, were it the only one.
+
+    Args:
+        candidates: the causes. Of one with places, that is told where it is named first.
+        deviations: how well the flights would know the parameters of each.
+        sizes: what `Parameter.matters` is a share of.
+        powers: from what sizes the flights would name each, where that is known.
+    """
     listed: dict[str, dict[str, Any]] = {}
-    for candidate, spread in zip(candidates, deviations, strict=True):
+    for index, (candidate, spread) in enumerate(zip(candidates, deviations, strict=True)):
         if candidate.cause.about == "derivative":
             continue
-        listed[candidate.label] = {
-            parameter.name: {
-                "sd": deviation,
+        entry = listed.setdefault(candidate.label, {})
+        for place, parameter in enumerate(candidate.cause.parameters):
+            if parameter.expected:
+                continue
+            told = {
+                "sd": spread[place],
                 "matters": parameter.matters * sizes[parameter.per],
                 "unit": parameter.unit,
             }
-            for parameter, deviation in zip(candidate.cause.parameters, spread, strict=True)
-            if not parameter.expected
-        }
+            if powers is not None:
+                told |= _power(powers[index][place])
+            known = entry.get(parameter.name)
+            if known is None or told.get("named_from", 0.0) < known.get("named_from", 0.0):
+                entry[parameter.name] = told
     return {name: entry for name, entry in listed.items() if entry}
+
+
+def _power(one: Power) -> dict[str, Any]:
+    """Sizes that no flight of this kind reaches are null."""
+    rival = None if one.rival is None else one.rival.label
+    return {"named_from": one.named, "alone_from": one.alone, "rival": rival}
 
 
 def incredible(farthest: float) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from gcs_sysid.aircraft import Aircraft, StreamTiming
 from gcs_sysid.diagnose import extended, verdict
-from gcs_sysid.diagnose.aided import ranking, unlisted
+from gcs_sysid.diagnose.aided import power, ranking, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.surface_delay import Delay
@@ -53,6 +53,7 @@ def diagnosed(
     found = investigation.investigate(*(aircraft, flights, fitted, held_out, progress), kept=kept)
     deviations = ranking.deviations(found.information, found.believed, found.candidates)
     sizes = found.unknowns.sizes
+    powers = power.of_flights(found.information, found.believed, found.candidates)
     answer = verdict.judge(found.ranked, verdict.would_show(found.candidates, deviations, sizes))
     best = answer.best
     gained = found.gained(best.causes)
@@ -94,7 +95,7 @@ def diagnosed(
         "discrepancy": departed.discrepancy(table),
         "alternatives": entries.alternatives(answer.ranked),
         "gain": {**gains, "free_run": flown_freely.gain(flown, held_out)},
-        "detectable": entries.detectable(found.candidates, deviations, sizes),
+        "detectable": entries.detectable(found.candidates, deviations, sizes, powers),
         "strained": strained,
         "file_accuracy": best.accuracy if missing is None else missing.accuracy,
         "used": "every measurement, inside the aided filter",

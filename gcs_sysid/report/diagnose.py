@@ -136,10 +136,16 @@ def _fly_next(summary: Mapping) -> str:
 def _unseen(detectable: Mapping) -> list[str]:
     """Causes of a size that matters that would not have shown, what is nearest to it first."""
     short = {
-        name: min(SHOWN * one["sd"] / one["matters"] for one in entries.values())
+        name: min(_shown_from(one) / one["matters"] for one in entries.values())
         for name, entries in detectable.items()
     }
     return sorted((name for name, ratio in short.items() if ratio > 1.0), key=short.__getitem__)
+
+
+def _shown_from(entry: Mapping) -> float:
+    """Size from which flights show a parameter; infinite where none is enough."""
+    named = entry.get("named_from", SHOWN * entry["sd"])
+    return np.inf if named is None else named
 
 
 def _perhaps(causes: Mapping) -> str:
@@ -385,20 +391,31 @@ def _flown(summary: Mapping) -> tuple[Table, ...]:
 
 
 def _detectable(summary: Mapping) -> Table:
+    """From what size these flights show each cause: half of such flights at just that size."""
     return Table(
-        ("cause", "parameter", "one sd", "matters from", "seen"),
+        ("cause", "parameter", "one sd", "matters from", "shown from", "seen", "like others up to"),
         tuple(
             (
                 name,
                 parameter,
                 number(item["sd"], 2),
                 number(item["matters"], 2),
-                "yes" if SHOWN * item["sd"] <= item["matters"] else "no",
+                number(_shown_from(item), 2) if np.isfinite(_shown_from(item)) else "no size",
+                "yes" if _shown_from(item) <= item["matters"] else "no",
+                _like(item),
             )
             for name, entries in summary["detectable"].items()
             for parameter, item in entries.items()
         ),
     )
+
+
+def _like(entry: Mapping) -> str:
+    """Up to what size something else explains as much, and what."""
+    if not entry.get("rival"):
+        return ""
+    alone = entry["alone_from"]
+    return f"{'any size' if alone is None else number(alone, 2)} ({entry['rival']})"
 
 
 def _spans(summary: Mapping, flight: int) -> tuple[Span, ...]:

@@ -100,6 +100,17 @@ class _Files:
         )
 
 
+def shares(candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Prior share of each cause and what it is about, by label, whatever its places."""
+    weights = {one.cause.name: one.cause.weight for one in candidates}
+    labels = {one.label: one.cause.name for one in candidates}
+    named = list(labels.values())
+    return {
+        label: weights[name] / sum(weights.values()) / named.count(name)
+        for label, name in labels.items()
+    }
+
+
 def likeliest_accuracy(
     information: Information, unknowns: Unknowns, causes: Sequence[Candidate]
 ) -> float:
@@ -204,9 +215,8 @@ def _sets(
     All of one, all pairs with one of the best, and from there by one cause more at a time. What a
     further cause makes superfluous is dropped again, since smaller sets stay beside larger ones.
     """
-    weights = {one.candidate.cause.name: one.candidate.cause.weight for one in tried}
-    names = [one.candidate.cause.name for one in tried]
-    shares = [weights[name] / sum(weights.values()) / names.count(name) for name in names]
+    before = shares([one.candidate for one in tried])
+    share = [before[one.candidate.label] for one in tried]
     alone = np.argsort(-files.averaged(np.array([one.evidence for one in tried]))).tolist()
 
     def possible(chosen: tuple[int, ...]) -> bool:
@@ -221,7 +231,7 @@ def _sets(
         together = PRIOR_OF_ONE if len(chosen) == 1 else PRIOR_OF_TWO
         together *= PRIOR_OF_MORE ** max(len(chosen) - 2, 0) * math.factorial(len(chosen))
         evidence = evidence - needed.lacking([one.candidate for one in causes])
-        return _Set(causes, together * math.prod(shares[i] for i in chosen), evidence)
+        return _Set(causes, together * math.prod(share[i] for i in chosen), evidence)
 
     none = _Set((), PRIOR_OF_NONE, nothing - needed.lacking(()))
     numbered: dict[tuple[int, ...], _Set] = {(): none}
