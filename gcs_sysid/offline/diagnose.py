@@ -171,8 +171,18 @@ class _Part:
     maneuvers: tuple[int, ...]
 
 
+def _shared_out(
+    flights: Sequence[Flight], *, apart: bool
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Maneuvers that are fitted, and those that judge: others, or the last flight's."""
+    if apart:
+        first = tuple(item.id for one in flights[:-1] for item in one.segments)
+        return first, tuple(item.id for item in flights[-1].segments)
+    return split([item for one in flights for item in one.segments])
+
+
 def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tuple[_Part, _Part]:
-    """What is fitted, and what it is judged by: other maneuvers, or the last flight."""
+    """What is fitted, and what it is judged by."""
     seen = tuple(observed(one, aircraft) for one in flights)
     built = [problem.build(aircraft, one, number=i) for i, one in enumerate(seen)]
     common = set.intersection(*(set(one.usable) for one in built))
@@ -183,12 +193,10 @@ def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tup
             fix="diagnose the flights one by one, or record what is missing",
         )
     problems = tuple(replace(one, usable=tuple(sorted(common))) for one in built)
+    fitted, judged = _shared_out(flights, apart=apart)
     if apart:
-        first = tuple(item.id for one in flights[:-1] for item in one.segments)
-        last = tuple(item.id for item in flights[-1].segments)
-        return _Part(seen[:-1], problems[:-1], first), _Part(seen[-1:], problems[-1:], last)
-    kept, held_out = split([item for one in flights for item in one.segments])
-    return _Part(seen, problems, kept), _Part(seen, problems, held_out)
+        return _Part(seen[:-1], problems[:-1], fitted), _Part(seen[-1:], problems[-1:], judged)
+    return _Part(seen, problems, fitted), _Part(seen, problems, judged)
 
 
 def _diagnosed(
@@ -203,9 +211,9 @@ def _diagnosed(
     """The document, the residuals sample by sample, and the extended aircraft."""
     absent = {name for one in flights for name in one.absent}
     aircraft = flight.without_controls(under.aircraft, absent)
-    fit, judged = _parts(flights, aircraft, apart=apart)
+    fitted_ids, _ = _shared_out(flights, apart=apart)
     seconds = sum(
-        item.duration for one in flights for item in one.segments if item.id in fit.maneuvers
+        item.duration for one in flights for item in one.segments if item.id in fitted_ids
     )
     if seconds < SHORTEST:
         raise RefusedError(
@@ -213,9 +221,6 @@ def _diagnosed(
             f"only {seconds:.0f} s of maneuvers take part, too little to know the noise from",
             fix=f"give {SHORTEST:.0f} s or more, or several logs",
         )
-    every = of_coefficients(aircraft.control_names)
-    credible = investigation.credible(fit.seen)
-    trusted = credible and investigation.trusted(fit.seen)
     notes: tuple[str, ...] = ()
     followed = True
     if method == "filter" and all(SERVO_STREAM in one.recording.streams for one in flights):
@@ -232,6 +237,10 @@ def _diagnosed(
             followed, notes = False, (str(lost),)
     elif method == "filter":
         notes = ("without servo positions only four causes are weighed, by coefficients",)
+    fit, judged = _parts(flights, aircraft, apart=apart)
+    every = of_coefficients(aircraft.control_names)
+    credible = investigation.credible(fit.seen)
+    trusted = credible and investigation.trusted(fit.seen)
     fitted = investigation.investigate(fit.problems, every, fit.maneuvers, coefficients=trusted)
     final = fitted
     if not apart:

@@ -20,6 +20,8 @@ _BARS = 6
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
+_ABOUT = ("control", "stream", "derivative")
+"""Keys of an estimate that say what its cause is about."""
 
 
 def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
@@ -75,7 +77,9 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     "could",
                     "What this flight could show",
                     "How well each cause would be known, were it the only one, against the size "
-                    "from which it matters. A cause is seen where three sd are less than that.",
+                    "from which it matters, and the size from which half of such flights would "
+                    "show it: less than that may be there unseen. Up to the size in the last "
+                    "column something else explains as much.",
                     tables=(_detectable(summary),),
                 ),
                 Section(
@@ -248,8 +252,8 @@ def _sentence(text: str) -> str:
 
 
 def _label(item: Mapping) -> str:
-    controls = [entry.get("control") for entry in item["parameters"].values()]
-    named = list(dict.fromkeys(name for name in controls if name))
+    about = [entry.get(kind) for entry in item["parameters"].values() for kind in _ABOUT]
+    named = list(dict.fromkeys(name for name in about if name))
     return " and ".join(item["causes"]).replace("none", "nothing") + (
         f" ({', '.join(named)})" if named else ""
     )

@@ -100,6 +100,29 @@ def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
     assert "Fly next" not in {item.topic for item in diagnose.findings(summary({}))}
 
 
+@pytest.mark.parametrize(
+    ("key", "about"),
+    [("control", "rudder"), ("stream", "VFR_HUD"), ("derivative", "Cm.qhat")],
+)
+def test_an_explanation_says_what_it_is_about(key: str, about: str) -> None:
+    """Two streams that may be late looked the same."""
+    size = {"value": 0.04, "sd": 0.01, "unit": "s", key: about}
+    told = {"causes": ["time_skew"], "probability": 0.9, "log_bayes_factor": 9.0,
+            "parameters": {"delay": size}}  # fmt: skip
+    assert diagnose._label(told) == f"time_skew ({about})"
+
+
+def test_what_a_flight_could_show_is_said_with_what_is_like_it() -> None:
+    entry = {"sd": 0.01, "matters": 0.06, "unit": "1", "named_from": 0.072, "alone_from": None,
+             "rival": "cg_shift"}  # fmt: skip
+    lag = {"sd": 9.0, "matters": 0.1, "unit": "s", "named_from": None, "alone_from": None,
+           "rival": None}  # fmt: skip
+    told = {"detectable": {"mass": {"mass_ratio": entry}, "pitot_lag": {"pitot_lag": lag}}}
+    mass, pitot = diagnose._detectable(told).rows
+    assert mass[-3:] == ("0.072", "no", "any size (cg_shift)")
+    assert pitot[-3:] == ("no size", "no", "")
+
+
 NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}
 
 

@@ -54,11 +54,12 @@ def of_flights(
         for name in candidate.frees:
             column = moved[:, unknowns.names.index(name)]
             grown = np.array([_parabola(nothing, column, unknowns, one) for one in candidates])
-            others = [
-                (_reached(grown[place] - grown[other], RIVAL - prior[place] + prior[other]), other)
-                for other, one in enumerate(candidates)
-                if one.label != candidate.label
-            ]
+            others = []
+            for other, one in enumerate(candidates):
+                if one.label != candidate.label:
+                    ahead = grown[place] - grown[other]
+                    apart = min(NAMED, RIVAL - prior[place] + prior[other])
+                    others.append((_reached(ahead, apart), other))
             named = _reached(grown[place], NAMED)
             alone, rival = max(others, default=(0.0, place))
             beaten = alone <= named

@@ -78,6 +78,16 @@ def test_where_something_else_is_at_work_and_nobody_knows_what_nothing_is_named(
     assert answer.indistinguishable == (first, second)
 
 
+def test_what_explains_nothing_is_no_rival_however_usual_it_is() -> None:
+    """A rare cause at 20 to 1, and a usual one without evidence, a posterior odd of six apart."""
+    rare = replace(some(("mass",), 0.6, 3.1), prior=0.01)
+    usual = replace(some(("cg_shift",), 0.1, 0.0), prior=0.04)
+    nothing = some((), 0.3, 0.0)
+    assert verdict.judge((rare, nothing, usual), (True,)).answer == "effect"
+    close = replace(usual, log_bayes_factor=1.0)
+    assert verdict.judge((rare, nothing, close), (True,)).answer == "ambiguous"
+
+
 def test_nothing_wrong_is_called_so() -> None:
     answer, ranked = judged(told({}))
     assert answer.answer == "no_effect"
