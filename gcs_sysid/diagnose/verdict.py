@@ -18,8 +18,9 @@ NAMED = float(np.log(20.0))
 """Evidence against nothing being wrong from which a cause is named: 20 to 1, strong on the scale of
 Kass & Raftery 1995."""
 RIVAL = float(np.log(10.0))
-"""Sets of causes that evidence and prior favour less than this apart cannot be told apart, unless
-the evidence alone is `NAMED` apart: what explains nothing is no rival, however usual it is."""
+"""Sets of causes that evidence and prior favour less than this apart cannot be told apart. Where the
+evidence is `NAMED` apart, only without some of the same causes: what explains nothing is no rival
+of something else, however usual it is."""
 QUIET = 0.7
 """Probability of nothing being wrong from which a flight is called free of causes."""
 SHOWN = 3.0
@@ -133,8 +134,9 @@ def credible(answer: Verdict, farthest: float) -> Verdict:
 def _rival(item: Ranked, best: Ranked) -> bool:
     """Whether a set that is not the best one or that with more added explains about as much."""
     more = set(best.causes) <= set(item.causes)
+    less = set(item.causes) < set(best.causes)
     close = _support(best) - _support(item) < RIVAL
-    close &= best.log_bayes_factor - item.log_bayes_factor < NAMED
+    close &= less or best.log_bayes_factor - item.log_bayes_factor < NAMED
     return bool(item.causes) and not more and close and len(item.causes) <= len(best.causes)
 
 

@@ -88,6 +88,15 @@ def test_what_explains_nothing_is_no_rival_however_usual_it_is() -> None:
     assert verdict.judge((rare, nothing, close), (True,)).answer == "ambiguous"
 
 
+def test_a_cause_more_has_to_be_worth_its_prior() -> None:
+    """Where the set without it has 20 times less evidence too."""
+    both = replace(some(("mass", "cg_shift"), 0.6, 20.0), prior=0.001)
+    alone = replace(some(("mass",), 0.4, 16.0), prior=0.02)
+    answer = verdict.judge((both, alone, some((), 0.0, 0.0)), (True,))
+    assert answer.best.names == ("mass",)
+    assert set(answer.perhaps) == {EVERY[1]}
+
+
 def test_nothing_wrong_is_called_so() -> None:
     answer, ranked = judged(told({}))
     assert answer.answer == "no_effect"
