@@ -18,9 +18,8 @@ NAMED = float(np.log(20.0))
 """Evidence against nothing being wrong from which a cause is named: 20 to 1, strong on the scale of
 Kass & Raftery 1995."""
 RIVAL = float(np.log(10.0))
-"""Sets of causes that evidence and prior favour less than this apart cannot be told apart. Where the
-evidence is `NAMED` apart, only without some of the same causes: what explains nothing is no rival
-of something else, however usual it is."""
+"""Sets of causes that evidence and prior favour less than this apart cannot be told apart. What
+evidence alone has `NAMED` apart is no rival of something else, however usual it is."""
 QUIET = 0.7
 """Probability of nothing being wrong from which a flight is called free of causes."""
 SHOWN = 3.0
