@@ -45,6 +45,8 @@ class Score:
         first: the ranking's first entry is the truth.
         probability: that the ranking states for its first entry; None without a ranking.
         sizes: of the parameters hidden, where the truth was named.
+        shown: size hidden over the one from which half of such flights would name it, as the
+            diagnosis itself says; None where it does not.
     """
 
     said: str
@@ -54,6 +56,7 @@ class Score:
     first: bool
     probability: float | None
     sizes: tuple[Sized, ...]
+    shown: float | None = None
 
 
 def score(draw: Draw, diagnosis: Mapping[str, Any]) -> Score:
@@ -78,6 +81,7 @@ def score(draw: Draw, diagnosis: Mapping[str, Any]) -> Score:
         first=ranking[0] is not None and _set(ranking[0]) == truth and _speaks_of(draw, ranking[0]),
         probability=None if ranking[0] is None else float(ranking[0]["probability"]),
         sizes=_sizes(draw, diagnosis) if right or held else (),
+        shown=_shown(draw, diagnosis),
     )
 
 
@@ -165,6 +169,23 @@ def _sizes(draw: Draw, diagnosis: Mapping[str, Any]) -> tuple[Sized, ...]:
             far = abs(true - _nominal(name)) or 1.0
             found.append(Sized(name, error / float(one["sd"]), error / far))
     return tuple(found)
+
+
+def _shown(draw: Draw, diagnosis: Mapping[str, Any]) -> float | None:
+    """Of one effect alone: of its parameters, the one that shows most."""
+    if len(draw.effects) != 1:
+        return None
+    (effect,) = draw.effects
+    about = [str(effect[key]) for key in _NAMES if key in effect]
+    listed = (diagnosis.get("detectable") or {}).get(" ".join((effect["name"], *about)), {})
+    ratios = [
+        abs(true - _nominal(name)) / listed[name]["named_from"]
+        if listed[name]["named_from"]
+        else 0.0
+        for name, true in _numbers(effect).items()
+        if "named_from" in listed.get(name, {})
+    ]
+    return max(ratios, default=None)
 
 
 def _estimate(

@@ -7,6 +7,7 @@ References:
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ NEAR = 1.1
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Bins of stated probabilities: finer where decisions are taken."""
 
+
+SHOWN = (0.0, 0.7, 1.0, 1.4, 2.0, np.inf)
+"""Bins of a hidden size over the one that a flight would show half of the time."""
 
 SURE = 0.95
 """How many intervals are wanted to hold what they are about."""
@@ -162,6 +166,7 @@ def summary(results: Sequence[Result], flights: Flights = DOZEN) -> None:
     flown = [result for result in results if not result.departed]
     _confusion(flights, flown, departed=len(results) - len(flown))
     _power(flights, flown)
+    _shown(flights, flown)
     _false_alarms(flights, flown)
     _calibration(flights, flown)
     _coverage(flights, flown)
@@ -223,6 +228,20 @@ def _power(flights: Flights, results: Sequence[Result]) -> None:
                     rows.append((words, size, file, len(of_it), alone, grouped))
     columns = ("hidden", "size", "file", "flights", "right and alone", "or in a group")
     _show(flights, "blind_power", "Power against size", columns, rows)
+
+
+def _shown(flights: Flights, results: Sequence[Result]) -> None:
+    """Whether a flight shows what `diagnose` says that it would."""
+    told = [(result, result.score.shown) for result in results if result.score.shown is not None]
+    rows = []
+    for low, high in itertools.pairwise(SHOWN):
+        of_it = [result for result, shown in told if low <= shown < high]
+        if of_it:
+            alone = _share(of_it, lambda score: score.alone)
+            grouped = _share(of_it, lambda score: score.grouped)
+            rows.append((f"{low:g} to {high:g}", len(of_it), alone, grouped))
+    columns = ("hidden / shown half of the time", "flights", "right and alone", "or in a group")
+    _show(flights, "blind_shown", "Power against what diagnose says of it", columns, rows)
 
 
 def _false_alarms(flights: Flights, results: Sequence[Result]) -> None:

@@ -158,6 +158,7 @@ def test_the_tables_say_what_was_found(capsys):
         "verdict": "effect",
         "effects": ["mass"],
         "ranking": [{"causes": ["mass"], "probability": 0.99, "parameters": size}],
+        "detectable": {"mass": {"mass_ratio": {"named_from": 0.08}}},
     }
     answers = (("none", clean), ("none", accused), ("mass", accused), ("mass", clean))
     results = []
@@ -174,6 +175,7 @@ def test_the_tables_say_what_was_found(capsys):
         "none    2        50 % (1-99)      50 % (1-99)    mass 1",
         "exact  2        50 % (1-99)   50 % (1-99)",
         "one cause  larger  exact  2        50 % (1-99)      50 % (1-99)",
+        "1.4 to 2                         1        100 % (3-100)    100 % (3-100)",
         "0.900                    2        0.500",
         "mass    1      100 % (3-100)",
         "mass    1        1.05    100 % (3-100)",

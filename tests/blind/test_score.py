@@ -181,3 +181,23 @@ def test_a_command_that_failed_is_wrong_and_counts():
     assert not given.grouped
     assert not given.first
     assert (given.said, given.probability) == ("failed", None)
+
+
+def test_a_size_is_held_against_the_one_that_the_flight_would_show():
+    """Of what the cause is about, and by the parameter that shows most."""
+    told = says("no_effect", ranking=[entry()])
+    assert score(hides(LAG), told).shown is None
+    lag = {"time_constant": {"sd": 0.01, "named_from": 0.05}}
+    told["detectable"] = {
+        "actuator_lag elevator": lag,
+        "actuator_lag rudder": {"time_constant": {"sd": 0.01, "named_from": 0.5}},
+        "mass": {"mass_ratio": {"sd": 0.01, "named_from": 0.08}},
+        "cg_shift": {"cg_x_chord": {"sd": 0.01, "named_from": None}},
+        "inertia": {f"I{axis}_ratio": {"named_from": 0.2} for axis in ("xx", "yy")},
+    }
+    assert score(hides(LAG), told).shown == pytest.approx(4.0)
+    assert score(hides(MASS), told).shown == pytest.approx(1.5)
+    assert score(hides(SHIFT), told).shown == 0.0
+    two = {"name": "inertia", "Ixx_ratio": 1.1, "Iyy_ratio": 0.7}
+    assert score(hides(two), told).shown == pytest.approx(1.5)
+    assert score(hides(MASS, SHIFT, cause="two"), told).shown is None
