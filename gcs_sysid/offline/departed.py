@@ -87,6 +87,7 @@ def gain(
     *,
     before: float,
     gained: float,
+    gained_sd: float | None,
 ) -> dict[str, Any]:
     """How much better what took no part is foretold.
 
@@ -99,9 +100,14 @@ def gain(
         held_out: maneuvers that took no part.
         before: negative log predictive density of a measurement.
         gained: by how much it is less with what was put right.
+        gained_sd: one sigma of that, where it is known.
     """
     judged = np.isin(rows["maneuver"], held_out)
-    out = {"holdout_nlpd_before": before, "holdout_nlpd_after": before - gained}
+    out: dict[str, Any] = {
+        "holdout_nlpd_before": before,
+        "holdout_nlpd_after": before - gained,
+        "holdout_nlpd_gained_sd": gained_sd,
+    }
     for label in ("before", "after"):
         shares = [100.0 * _share(rows, name, label, judged) for name in COEFFICIENTS]
         out[f"holdout_error_{label}"] = float(np.mean(shares)) if judged.any() else float("nan")

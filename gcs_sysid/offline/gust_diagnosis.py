@@ -73,9 +73,10 @@ def diagnosed(
     named = best if answer.answer in ("effect", "ambiguous") else None
     corrections = {} if named is None else wrong(found, named)
     directions = found.quantities.directions
+    gained_sd = found.gained_deviation(corrections) if corrections else None
     if missing is not None:
         corrections = {MISSING: (missing.value, missing.deviation)}
-        gained = found.missing_gain
+        gained, gained_sd = found.missing_gain, None
     better = extended.corrected(file, corrections, directions, _limits(named))
     progress("comparing before and after", 0.95)
     corrected = extended.corrected(aircraft, corrections, directions, _limits(named))
@@ -85,6 +86,7 @@ def diagnosed(
         *(table, held_out),
         before=-found.as_it_is(() if named is None else named.causes),
         gained=gained if corrections else 0.0,
+        gained_sd=gained_sd,
     )
     document = {
         **summary.header("diagnose", aircraft, "file"),

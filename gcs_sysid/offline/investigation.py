@@ -30,6 +30,7 @@ from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.question import REFUTED, UNLISTED, Answer, Asked, Telling, Trial
 from gcs_sysid.offline.settled import Subject
+from gcs_sysid.reconstruct import causal
 
 ROUNDS = 3
 """Favourites that are put to the test."""
@@ -87,6 +88,18 @@ class Investigation:
     def gained(self, causes: Sequence[Candidate]) -> float:
         """Log predictive density per measurement that causes gain on what took no part."""
         return gain.gained(self.information, self.apart, self.believed, causes)
+
+    def gained_deviation(self, corrections: Mapping[str, tuple[float, float]]) -> float:
+        """One sigma of what corrections gain, per measurement; nan where nothing took no part."""
+        values = np.zeros(len(self.unknowns.names))
+        for name, (value, _) in corrections.items():
+            values[self.unknowns.names.index(name)] = value
+        variance, count = 0.0, 0.0
+        for number, done in enumerate(self.settled):
+            moved = self.unknowns.in_flight(number, values)
+            variance += gain.scattered(done.last.blocks, ~done.fitted, moved, causal.BLOCK)
+            count += done.last.apart.count
+        return float(np.sqrt(variance)) / count if count else float(np.nan)
 
     def as_it_is(self, causes: Sequence[Candidate]) -> float:
         """Log predictive density per measurement of what took no part.

@@ -176,11 +176,17 @@ def _gained(gain: Mapping) -> str:
             sure = _SIGMAS * gain["holdout_error_gained_sd"]
             words += f", a gain of {plus_minus(before - after, sure)} % (± 95 %)"
         return f"{words}{_gained_in_flight(gain)}."
-    nats = gain["holdout_nlpd_before"] - gain["holdout_nlpd_after"]
     return (
-        f"what took no part is foretold better by {number(nats)} nat a measurement; its "
+        f"what took no part is foretold better by {_nats(gain)} nat a measurement; its "
         "coefficients are as they were, since it is not the aircraft that was wrong."
     )
+
+
+def _nats(gain: Mapping) -> str:
+    """Gained per measurement, with its 95 % interval where that is known."""
+    gained = gain["holdout_nlpd_before"] - gain["holdout_nlpd_after"]
+    sure = gain.get("holdout_nlpd_gained_sd")
+    return number(gained) if sure is None else plus_minus(gained, _SIGMAS * sure)
 
 
 def _gained_in_flight(gain: Mapping) -> str:
@@ -345,7 +351,7 @@ def _gain(summary: Mapping) -> Table:
         ("held out", "before", "after", "gained"),
         (
             ("error, %", number(before), number(after), gained),
-            ("nlpd, nat a measurement", *map(number, density), number(density[0] - density[1])),
+            ("nlpd, nat a measurement", *map(number, density), _nats(gain)),
         ),
     )
 

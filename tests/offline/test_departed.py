@@ -64,7 +64,7 @@ def test_the_mean_gain_of_six_coefficients_has_their_common_scatter(
         loud = draws.uniform(0.5, 2.0, stretches[-1] + 1)[stretches]
         rows[f"{name}_measured"] = rng.normal(0.0, 1.0, count)
         rows[f"{name}_before"], rows[f"{name}_after"] = loud, 0.5 * loud
-    found = departed.gain(rows, [1], before=0.0, gained=0.1)
+    found = departed.gain(rows, [1], before=0.0, gained=0.1, gained_sd=None)
     each = float(np.mean([one["gained_sd"] for one in found["channels"].values()]))
     assert each > 0.0
     assert found["holdout_error_gained_sd"] == pytest.approx(share * each, rel=0.1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
@@ -39,3 +40,27 @@ def gained(
         return float(np.nan)
     with_causes = foretold(fitted, apart, unknowns, causes)
     return (with_causes - foretold(fitted, apart, unknowns.as_it_is(causes), ())) / apart.count
+
+
+def scattered(
+    blocks: Float[np.ndarray, "block parameter"],
+    apart: Bool[np.ndarray, " row"],
+    moved: Float[np.ndarray, " parameter"],
+    length: int,
+) -> float:
+    """Variance of what a correction gains on rows that took no part [nat²].
+
+    The gain is Σ g·δ + ½ δᵀHδ over blocks of rows, of which g, the slope where the flight ended,
+    has mean 0 and scatters from block to block, H is what it is. Rows near each other may go
+    together; blocks do not.
+
+    Args:
+        blocks: slope of the log-likelihood by every block.
+        apart: rows that took no part; those behind the last of them are padding.
+        moved: δ, the correction of each parameter.
+        length: of a block, in rows.
+    """
+    padded = np.zeros(blocks.shape[0] * length)
+    padded[: apart.size] = apart
+    share = padded.reshape(-1, length).mean(axis=1)
+    return float(np.sum((share * (blocks @ moved)) ** 2))

@@ -178,6 +178,23 @@ def test_what_is_foretold_is_the_density_of_what_took_no_part_given_the_rest() -
     assert found == pytest.approx(density(slice(0, 60)) - density(slice(0, 40)))
 
 
+def test_what_a_correction_gains_scatters_as_is_said() -> None:
+    """By the slopes of one flight, what many flights scatter by; every third block took no part."""
+    random = np.random.default_rng(7)
+    rows, true, length = random.standard_normal((240, 2)), np.array([0.3, -0.2]), 10
+    apart = np.repeat(np.arange(24) % 3 == 0, length)[:236]
+    gained, foretold = [], []
+    for _ in range(800):
+        noise = random.standard_normal(240)
+        seen = rows @ true + noise
+        gained.append(0.5 * float(np.sum((seen**2 - noise**2)[:236][apart])))
+        blocks = (rows * noise[:, None]).reshape(24, length, 2).sum(axis=1)
+        foretold.append(gain.scattered(blocks, apart, true, length))
+    assert np.mean(foretold) == pytest.approx(np.var(gained), rel=0.1)
+    # Slopes of blocks that are partly of either kind count by the part.
+    assert gain.scattered(np.ones((1, 2)), np.arange(10) < 5, true, length) == pytest.approx(0.0025)
+
+
 def test_only_values_of_the_file_are_called_strained() -> None:
     """A clean flight was denied its verdict over the bias of its own gyro."""
     every = listed()
