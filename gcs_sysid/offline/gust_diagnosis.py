@@ -56,7 +56,8 @@ def diagnosed(
     powers = power.of_flights(found.information, found.believed, found.candidates)
     answer = verdict.judge(found.ranked, verdict.would_show(found.candidates, deviations, sizes))
     best = answer.best
-    gained = found.gained(best.causes)
+    alike = [one for each in answer.indistinguishable for one in each.causes]
+    gained = found.gained(best.causes, alike)
     answer = verdict.sustained(answer, gained)
     farthest = max(found.unknowns.farthest(best.causes, best.posterior.mean), found.farthest)
     answer = verdict.credible(answer, farthest)
@@ -84,7 +85,7 @@ def diagnosed(
     table = departed.table(flown)
     gains = departed.gain(
         *(table, held_out),
-        before=-found.as_it_is(() if named is None else named.causes),
+        before=-found.as_it_is(() if named is None else (*named.causes, *alike)),
         gained=gained if corrections else 0.0,
         gained_sd=gained_sd,
     )

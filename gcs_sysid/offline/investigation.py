@@ -85,9 +85,12 @@ class Investigation:
         """The unknowns with the file as accurate as the most probable set has it."""
         return self.unknowns.as_accurate(self.ranked[0].accuracy)
 
-    def gained(self, causes: Sequence[Candidate]) -> float:
-        """Log predictive density per measurement that causes gain on what took no part."""
-        return gain.gained(self.information, self.apart, self.believed, causes)
+    def gained(self, causes: Sequence[Candidate], alike: Sequence[Candidate]) -> float:
+        """Log predictive density per measurement that causes gain on what took no part.
+
+        Over the file as it is in what they and those that explain as much are about.
+        """
+        return gain.gained(self.information, self.apart, self.believed, causes, alike)
 
     def gained_deviation(self, corrections: Mapping[str, tuple[float, float]]) -> float:
         """One sigma of what corrections gain, per measurement; nan where nothing took no part."""

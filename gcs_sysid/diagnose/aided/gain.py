@@ -29,17 +29,24 @@ def foretold(
 
 
 def gained(
-    fitted: Information, apart: Information, unknowns: Unknowns, causes: Sequence[Candidate]
+    fitted: Information,
+    apart: Information,
+    unknowns: Unknowns,
+    causes: Sequence[Candidate],
+    alike: Sequence[Candidate] = (),
 ) -> float:
     """What causes gain, per measurement that took no part [nat]; nan without any.
 
-    Over the file as it is in what they are about: an ordinary error of the same kind, left free
-    without them, would have been learned from what was fitted as well as the cause is with them.
+    Over the file as it is in what they and those that explain as much are about: an ordinary error
+    of the same kind, left free without them, would have been learned from what was fitted as well
+    as the cause is with them. (A rolling moment of its own gained nothing over an aileron that
+    stood eight of its ordinary sigmas elsewhere.)
     """
     if not apart.count:
         return float(np.nan)
     with_causes = foretold(fitted, apart, unknowns, causes)
-    return (with_causes - foretold(fitted, apart, unknowns.as_it_is(causes), ())) / apart.count
+    held = unknowns.as_it_is((*causes, *alike))
+    return (with_causes - foretold(fitted, apart, held, ())) / apart.count
 
 
 def scattered(

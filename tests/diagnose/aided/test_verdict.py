@@ -205,3 +205,13 @@ def test_only_values_of_the_file_are_called_strained() -> None:
     assert verdict.strained(every.names, every.sigma, best) == {"CZ.alpha": -3.5}
     calm = replace(best, posterior=Posterior(0.1 * mean, np.eye(mean.size), 0.0))
     assert verdict.strained(every.names, every.sigma, calm) == {}
+
+
+def test_a_cause_gains_over_a_file_that_has_no_other_name_for_it() -> None:
+    """Mass and a centre of gravity that do the same: ordinary errors of the one are the other's."""
+    fitted, apart = (told({"mass": 0.12}, alike=True, clear=each) for each in (9.0, 8.0))
+    mass, cg, _ = EVERY
+    over_its_own = gain.gained(fitted, apart, listed(), (mass,))
+    over_both = gain.gained(fitted, apart, listed(), (mass,), (cg,))
+    assert over_both > 10.0 * abs(over_its_own)
+    assert over_both > 0.0
