@@ -104,6 +104,7 @@ class Asked:
             beliefs.negligible(names, found.aircraft, flow),
             found.least,
             found.either,
+            found.beside,
         )
         before = tuple(settled.believed(one, found, vanes=vanes) for one in subjects)
         return Question(found, every, subjects, names, listed, before, settled.model_of(found))

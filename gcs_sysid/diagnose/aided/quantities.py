@@ -88,6 +88,7 @@ class Quantities:
         streams: whose times may be skewed, with the places where the effect of that is taken.
         least: what cannot be less, by quantity.
         either: pairs of which only one is ever free: two names for one thing.
+        beside: parameter that is ordinarily off in the same way as a quantity that has its own.
     """
 
     aircraft: Aircraft
@@ -98,6 +99,7 @@ class Quantities:
     streams: Mapping[str, tuple[float | None, ...]]
     least: Mapping[str, float]
     either: frozenset[frozenset[str]]
+    beside: Mapping[str, str]
 
 
 @dataclass
@@ -189,10 +191,12 @@ def build(
     }
     streams[SERVO_STREAM] = (SKEW, -SKEW)
     servos: list[tuple[Aircraft, float]] = []
+    beside: dict[str, str] = {}
     for place in (SKEW, -SKEW):
         name = f"skew.{SERVO_STREAM}.{place:.4g}"
         size = known.get(name, place)
         found[name] = {f"departures.actuators.{len(servos)}": 1.0}
+        beside[name] = "sensors.surface_delay"
         servos.append((_late(aircraft, size), size))
     for index, control in enumerate(aircraft.control_names):
         own = list(terms.of(control))
@@ -252,6 +256,7 @@ def build(
         streams,
         _least(aircraft, late),
         frozenset(frozenset({"airspeed_lag", name}) for name in lagging),
+        beside,
     )
 
 

@@ -41,6 +41,7 @@ class Unknowns:
         negligible: deviation that each unknown has in any case, however accurate the file.
         least: what a quantity cannot be less than, where there is such a limit.
         either: pairs of quantities of which only one is ever free.
+        beside: parameter that is ordinarily off in the same way as a quantity that has its own.
     """
 
     names: tuple[str, ...]
@@ -52,6 +53,7 @@ class Unknowns:
     negligible: Float[np.ndarray, " unknown"]
     least: Mapping[str, float]
     either: frozenset[frozenset[str]]
+    beside: Mapping[str, str]
 
     def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Prior standard deviations and means with some causes set free."""
@@ -120,7 +122,7 @@ class Unknowns:
         Not those that every flight has of its own, such as the bias of its accelerometer: a cause
         is what there is beyond them. Where quantities move the same parameters, such as a control's
         effect and what it loses with dynamic pressure, each is what explains the move together with
-        the others.
+        the others. Servo commands that are late are so by the delay that is ordinary as well.
 
         Args:
             names: of the quantities that are free together.
@@ -141,6 +143,9 @@ class Unknowns:
         if shared:
             columns = self.directions[:, [places[name] - self.parameters for name in shared]]
             views = np.linalg.pinv(columns, rcond=ALIKE)
+            for row, name in enumerate(shared):
+                if name in self.beside:
+                    views[row, self.names.index(self.beside[name])] += 1.0
             views = np.concatenate([views, views @ self.directions], axis=1)
             for name, view in zip(shared, views, strict=True):
                 found[name] = (float(view @ mean), float(np.sqrt(view @ covariance @ view)))
@@ -164,6 +169,7 @@ def of_flights(
     negligible: Float[np.ndarray, " parameter"],
     least: Mapping[str, float] | None = None,
     either: Iterable[frozenset[str]] = (),
+    beside: Mapping[str, str] | None = None,
 ) -> Unknowns:
     """The unknowns of so many flights.
 
@@ -177,6 +183,7 @@ def of_flights(
         negligible: deviation that each parameter has in any case.
         least: limits of quantities; None for none.
         either: pairs of quantities that are not both free.
+        beside: parameter that is ordinarily off in the same way as a quantity; None for none.
     """
     listed = [name for name in names if not _owned(name)]
     sigma = [float(ordinary[i]) for i, name in enumerate(names) if not _owned(name)]
@@ -208,6 +215,7 @@ def of_flights(
         ignored,
         least or {},
         frozenset(either),
+        beside or {},
     )
 
 

@@ -87,6 +87,20 @@ def test_quantities_that_move_the_same_are_told_apart() -> None:
     assert together["effect"][0] == pytest.approx(-0.1 + 0.35 * 0.3 / 0.2)
 
 
+def test_what_is_ordinarily_off_in_the_same_way_is_part_of_the_size() -> None:
+    """Commands a tenth of a second early: a third of it was left to the ordinary delay."""
+    two = unknowns.of_flights(
+        *(("actuators.0", "delay"), np.array([0.0, 0.01])),
+        *({"skew": {"actuators.0": 1.0}}, {"skew": 0.002}, {"": 1.0}, 1, np.zeros(2)),
+        beside={"skew": "delay"},
+    )
+    values = np.array([0.0, -0.035, -0.065])
+    covariance = np.array([[0.0, 0.0, 0.0], [0.0, 4.0, -4.0], [0.0, -4.0, 5.0]])
+    moved, deviation = two.along(("skew",), values, covariance)["skew"]
+    assert moved == pytest.approx(-0.1)
+    assert deviation == pytest.approx(1.0)
+
+
 def test_what_causes_free_is_ordinarily_off_by_a_twentieth_of_what_matters() -> None:
     usual = unknowns.tolerated(EVERY, {**QUANTITIES, "lag.rudder": {}}, {"": 1.0})
     matters = {"mass": 0.06, "cg.x": 0.03, "airspeed": 0.03}
