@@ -71,8 +71,8 @@ class Curvature(NamedTuple):
         How much of what J promises the gains and the path take away hangs on the aircraft and its
         gusts. In units of the scatter's symmetric root both are near one matrix, and what is taken
         from one to the other is how they differ from it: deviations by two busy stretches of 40 s
-        are within 6 % of those by the whole flight. Nowhere do they differ by more than a factor of
-        `SWOLLEN` in what is taken over.
+        are within 6 % of those by the whole flight. Sums that are moved by more than `SWOLLEN`
+        times what they scatter are taken to be moved by that.
 
         Args:
             scatter: of the whole flight.
@@ -84,14 +84,16 @@ class Curvature(NamedTuple):
         own, values, own_vectors = _unit(scatter + precision)
         root = (own_vectors * np.sqrt(np.maximum(values, 0.0))) @ own_vectors.T * own
 
-        def carried(matrix: Float[np.ndarray, "unknown unknown"]) -> np.ndarray:
+        def carried(matrix: Float[np.ndarray, "unknown unknown"], most: float) -> np.ndarray:
             inner = known.T @ ((matrix + precision) / np.outer(size, size)) @ known
             left, factor, right = np.linalg.svd(inner)
-            inner = (left * np.minimum(factor, SWOLLEN)) @ right
+            inner = (left * np.minimum(factor, most)) @ right
             relation = vectors[:, seen] @ inner @ vectors[:, seen].T + hidden @ hidden.T
             return root.T @ relation @ root - precision
 
-        return Curvature(carried(self.slope), scatter, carried(self.information))
+        # What sums know of the unknowns goes with the square of how far they move.
+        slope = carried(self.slope, SWOLLEN)
+        return Curvature(slope, scatter, carried(self.information, SWOLLEN**2))
 
 
 class Instruments(NamedTuple):
