@@ -72,11 +72,18 @@ def test_where_scores_do_not_vanish_a_flight_says_less(doubt: float, share: floa
     before = Beliefs(np.zeros(4), np.diag(made.ORDINARY**2), SILENT)
     told = Told(np.diag(np.full(4, 100.0)), np.array([3.0, 0.0, 0.0, 0.0]), 50.0)
     blocks = np.tile([1.0, 1.0, 1.0, 1.0], (5, 1))
-    last = Mock(spec=Pass, told=told, apart=told, blocks=blocks)
-    done = Mock(spec=Settled, last=last, values=np.zeros(4))
+    # Rows behind those of the flight are padding.
+    rows = np.array([-1.0, -2.0, -4.0, -8.0])
+    last = Mock(spec=Pass, told=told, apart=told, blocks=blocks, log_likelihood=rows)
+    fitted = np.array([True, False, True])
+    done = Mock(spec=Settled, last=last, values=np.array([0.2, 0.0, 0.0, 0.0]), fitted=fitted)
     found = Mock(spec=Weighed, settled=done, told=told, apart=told, doubt=doubt)
-    information, _ = settled.told(made.listed(), 0, before, found)
+    information, apart = settled.told(made.listed(), 0, before, found)
     np.testing.assert_allclose(np.diagonal(information.gram)[:4], 100.0 * share)
+    # Where nothing deviates, by the parabola about where the flight ended.
+    away = -3.0 * 0.2 - 0.5 * 100.0 * 0.2**2
+    assert information.shared == pytest.approx(share * (-1.0 - 4.0 + away))
+    assert apart.shared == pytest.approx(share * (-2.0 + away))
 
 
 @pytest.mark.parametrize(
