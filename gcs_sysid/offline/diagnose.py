@@ -39,7 +39,6 @@ from gcs_sysid.offline.identify import FLIGHT_IDS
 from gcs_sysid.offline.investigation import Kept
 from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
-from gcs_sysid.reconstruct.segments import split
 
 Method = Literal["filter", "coefficients"]
 SHORTEST = 15.0
@@ -171,16 +170,6 @@ class _Part:
     maneuvers: tuple[int, ...]
 
 
-def _shared_out(
-    flights: Sequence[Flight], *, apart: bool
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Maneuvers that are fitted, and those that judge: others, or the last flight's."""
-    if apart:
-        first = tuple(item.id for one in flights[:-1] for item in one.segments)
-        return first, tuple(item.id for item in flights[-1].segments)
-    return split([item for one in flights for item in one.segments])
-
-
 def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tuple[_Part, _Part]:
     """What is fitted, and what it is judged by."""
     seen = tuple(observed(one, aircraft) for one in flights)
@@ -193,7 +182,7 @@ def _parts(flights: Sequence[Flight], aircraft: Aircraft, *, apart: bool) -> tup
             fix="diagnose the flights one by one, or record what is missing",
         )
     problems = tuple(replace(one, usable=tuple(sorted(common))) for one in built)
-    fitted, judged = _shared_out(flights, apart=apart)
+    fitted, judged = maneuver_choice.shared_out(flights, apart=apart)
     if apart:
         return _Part(seen[:-1], problems[:-1], fitted), _Part(seen[-1:], problems[-1:], judged)
     return _Part(seen, problems, fitted), _Part(seen, problems, judged)
@@ -211,7 +200,7 @@ def _diagnosed(
     """The document, the residuals sample by sample, and the extended aircraft."""
     absent = {name for one in flights for name in one.absent}
     aircraft = flight.without_controls(under.aircraft, absent)
-    fitted_ids, _ = _shared_out(flights, apart=apart)
+    fitted_ids, _ = maneuver_choice.shared_out(flights, apart=apart)
     seconds = sum(
         item.duration for one in flights for item in one.segments if item.id in fitted_ids
     )

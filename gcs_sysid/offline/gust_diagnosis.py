@@ -18,12 +18,17 @@ from gcs_sysid.diagnose.aided import power, ranking, unlisted
 from gcs_sysid.diagnose.aided.quantities import MISSING
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.surface_delay import Delay
-from gcs_sysid.offline import departed, flown_freely, investigation, summary
+from gcs_sysid.offline import (
+    departed,
+    flown_freely,
+    investigation,
+    maneuver_choice,
+    summary,
+)
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.investigation import Investigation, Kept
 from gcs_sysid.offline.tested import Tested
-from gcs_sysid.reconstruct.segments import split
 
 
 def diagnosed(
@@ -48,7 +53,8 @@ def diagnosed(
     Raises:
         RefusedError: the filter lost the aircraft, or its search found no rest.
     """
-    fitted, held_out = _parts(flights, apart=apart)
+    _, held_out = maneuver_choice.shared_out(flights, apart=apart)
+    fitted = [not apart or one is not flights[-1] for one in flights]
     aircraft, file = (_as_found(one, under.delay) for one in (aircraft, under.aircraft))
     found = investigation.investigate(*(aircraft, flights, fitted, held_out, progress), kept=kept)
     deviations = ranking.deviations(found.information, found.believed, found.candidates)
@@ -121,15 +127,6 @@ def _as_found(aircraft: Aircraft, delay: Delay | None) -> Aircraft:
         return aircraft
     timing = StreamTiming(delay.value, delay.deviation or None)
     return replace(aircraft, streams={**aircraft.streams, SERVO_STREAM: timing})
-
-
-def _parts(flights: Sequence[Flight], *, apart: bool) -> tuple[tuple[bool, ...], tuple[int, ...]]:
-    """Which flights are fitted, and the maneuvers that only judge: the last flight's, or some."""
-    if apart:
-        kept = (True,) * (len(flights) - 1)
-        return (*kept, False), tuple(item.id for item in flights[-1].segments)
-    _, held_out = split([item for one in flights for item in one.segments])
-    return (True,) * len(flights), tuple(held_out)
 
 
 def wrong(found: Investigation, best: Ranked) -> dict[str, tuple[float, float]]:

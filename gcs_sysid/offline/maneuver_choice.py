@@ -1,14 +1,15 @@
-"""Which maneuvers of a recording a run uses: those found, or those an engineer lists."""
+"""Which maneuvers of a recording a run uses, and which of them are fitted and which judge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import InputError
+from gcs_sysid.offline.flight import Flight
 from gcs_sysid.reconstruct import segment_file, segments
-from gcs_sysid.reconstruct.segments import Segment
+from gcs_sysid.reconstruct.segments import Segment, split
 from gcs_sysid.recording import Recording
 
 
@@ -35,3 +36,16 @@ def chooser(
         return segments.with_airspeed(recording, listed)
 
     return choose
+
+
+def shared_out(
+    flights: Sequence[Flight], *, apart: bool
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Maneuvers that are fitted, and those that judge: the last flight's if it is `apart`, or some.
+
+    Ids must be unique over the flights.
+    """
+    if apart:
+        fitted = tuple(item.id for one in flights[:-1] for item in one.segments)
+        return fitted, tuple(item.id for item in flights[-1].segments)
+    return split([item for one in flights for item in one.segments])

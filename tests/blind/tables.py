@@ -136,7 +136,11 @@ def one_by_one(results: Sequence[Result], flights: Flights = DOZEN) -> None:
         ("flights", "right"),
         [
             ("something hidden, named alone", _of(result.score.alone for result in hidden)),
-            ("nothing hidden, nobody accused", _of(result.score.alone for result in clean)),
+            *(
+                [("nothing hidden, nobody accused", _of(result.score.alone for result in clean))]
+                if clean
+                else []
+            ),
             ("sizes that their 95 % intervals hold", _of(one.inside for one in sizes)),
             (
                 f"seconds, median, cores: {', '.join(sorted({str(one.cores) for one in flown}))}",

@@ -38,7 +38,7 @@ CG = 0.01
 RIGGING = float(np.radians(0.5))
 """Of where a surface stands [rad]."""
 IMU_PLACE = 0.02
-"""Of where the inertial unit sits [m]. With half of it flight A of ArduPlane found no rest."""
+"""Of where the inertial unit sits [m]."""
 IMU_TILT = float(np.radians(0.4))
 """Of how it is mounted [rad]."""
 GYRO_SCALE = 0.003

@@ -62,7 +62,12 @@ def test_blind_flights_name_nothing_at_any_size() -> None:
     assert all(np.isinf(one.named) for (one,) in power.of_flights(blind, listed(), EVERY))
 
 
-def test_where_an_effect_is_expected_the_other_side_counts_for_less() -> None:
-    found = power._reached(np.array([-1.0, 2.0, 4.0]), 3.0)
-    assert -1.0 + 2.0 * found + 4.0 * found**2 == pytest.approx(3.0)
-    assert power._reached(np.array([5.0, 0.0, 1.0]), 3.0) == 0.0
+def test_of_an_effect_that_is_expected_somewhere_it_is_the_size_in_that_direction() -> None:
+    """Evidence is then no even function of the size."""
+    shift = EVERY[1]
+    (parameter,) = shift.cause.parameters
+    expected = replace(parameter, expected=0.05)
+    one = Candidate(replace(shift.cause, parameters=(expected,)))
+    ((found,),) = power.of_flights(FLIGHTS, listed(), [one])
+    assert evidence(FLIGHTS, "cg.x", found.named, one) == pytest.approx(NAMED)
+    assert evidence(FLIGHTS, "cg.x", -found.named, one) < NAMED - 0.1
