@@ -138,9 +138,12 @@ def _fly_next(summary: Mapping) -> str:
 
 
 def _unseen(detectable: Mapping) -> list[str]:
-    """Causes of a size that matters that would not have shown, what is nearest to it first."""
+    """Causes of a size that matters that another flight would show, what is nearest to it first.
+
+    Not those that hide behind what the file states of them: no flight betters that.
+    """
     short = {
-        name: min(_shown_from(one) / one["matters"] for one in entries.values())
+        name: min(SHOWN * one["sd"] / one["matters"] for one in entries.values())
         for name, entries in detectable.items()
     }
     return sorted((name for name, ratio in short.items() if ratio > 1.0), key=short.__getitem__)

@@ -75,7 +75,8 @@ def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
     """The nearest to being seen first; those that were seen are no reason to fly again."""
     told = summary({}) | {
         "detectable": {
-            "mass": {"mass_ratio": {"sd": 0.01, "matters": 0.06, "unit": "1"}},
+            # Seen well, and named only from beyond what matters, by what the file states of it.
+            "mass": {"mass_ratio": {"sd": 0.01, "matters": 0.06, "unit": "1", "named_from": 0.07}},
             "pitot_lag": {"pitot_lag": {"sd": 0.5, "matters": 0.1, "unit": "s"}},
             "surface_effectiveness rudder": {"ratio": {"sd": 0.1, "matters": 0.2, "unit": "1"}},
             "wind_shear": {"gradient": {"sd": 9.0, "matters": 0.05, "unit": "1/s"}},
