@@ -171,7 +171,7 @@ def test_another_flight_judges_and_takes_no_part(hidden, clean, folder, monkeypa
     asked = []
 
     def lost(_aircraft: object, _flights: object, *given: object, **_named: object) -> None:
-        asked.append(given[:2])
+        asked.append([list(each) for each in given[:2]])
         raise RefusedError("hidden.tlog", "the model lost the aircraft", fix="check the signs")
 
     monkeypatch.setattr(investigation, "investigate", lost)
@@ -191,7 +191,7 @@ def test_another_flight_judges_and_takes_no_part(hidden, clean, folder, monkeypa
         of_flight[item["flight"]].append(item)
     assert [len(each) for each in of_flight] == [len(one["maneuvers"]) for one in (hidden, clean)]
     assert [{item["held_out"] for item in each} for each in of_flight] == [{False}, {True}]
-    assert asked == [((True, False), tuple(item["id"] for item in of_flight[1]))]
+    assert asked == [[[True, False], [item["id"] for item in of_flight[1]]]]
     table = pq.read_table(folder / "apart" / "residuals.parquet")
     assert set(table["flight"].to_pylist()) == {0, 1}
 
