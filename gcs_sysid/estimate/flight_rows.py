@@ -35,7 +35,18 @@ class Flight:
     nominal: State
     beginning: Beginning
 
+    @property
+    def finding(self) -> int:
+        """Rows at the beginning in which the filter is still finding its states.
 
+        Their innovations are no small errors about what is expected: an angle of attack that is
+        known to several degrees reaches a stall, or wherever else a line is none.
+        """
+        return int(np.searchsorted(np.cumsum(self.rows.step), FINDING))
+
+
+FINDING = 2.0
+"""Time in which a filter finds flow angles that were guessed [s]: some short periods."""
 LONGEST = 12000
 """Rows of a flight that are fitted at most: four minutes at 50 Hz."""
 

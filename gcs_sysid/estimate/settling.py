@@ -100,6 +100,7 @@ class Settled:
         log_likelihood: after each turn.
         ended: whether nothing more was to be gained.
         left: what a further step of the parameters would gain [nat].
+        skipped: rows at the beginning that count for nobody.
     """
 
     values: Float[np.ndarray, " parameter"]
@@ -109,6 +110,12 @@ class Settled:
     log_likelihood: tuple[float, ...]
     ended: bool
     left: float = 0.0
+    skipped: int = 0
+
+    @property
+    def apart(self) -> Bool[np.ndarray, " sample"]:
+        """Rows that took no part."""
+        return ~self.fitted & (np.arange(self.fitted.size) >= self.skipped)
 
     @property
     def restless(self) -> bool:

@@ -92,7 +92,8 @@ def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: B
         unknowns: near what is sought.
         beliefs: about everything.
     """
-    path, every = settling.along(model, stretch, unknowns), np.ones(stretch.rows.step.size, bool)
+    path = settling.along(model, stretch, unknowns)
+    every = np.arange(stretch.rows.step.size) >= stretch.finding
     held = np.diagonal(causal.passed(model, *unknowns, path, every).told.matrix)
     noise = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
     free = held > 0.0, noise > 0.0
@@ -127,12 +128,14 @@ def climbed(
         flight: measurements and first states.
         first: where to begin, near what is sought; the most probable is taken.
         beliefs: about everything.
-        counts: rows from which everything is learned; where there are none, no step is taken.
+        counts: rows from which everything is learned, but for those at the beginning in which the
+            filter finds its states; where there are none, no step is taken.
         by: relation of the same flight at another point nearby.
         progress: told about every step.
         asked: instruments of the same flight at another point nearby, where they are known.
         sets: times that instruments are used at most, those given among them.
     """
+    counts = counts & (np.arange(counts.size) >= flight.finding)
     search = _Search(model, first[0], beliefs, counts, by)
     begun = [
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
@@ -164,8 +167,12 @@ def climbed(
         gained, made_here = search.density(here) - before, asked is None or number > 0
         if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
-    done = causal.passed(model, *search.unknowns(here), here.path, counts)
-    settled = Settled(here.values, here.log_noise, done, counts, tuple(history), left < NEAR, left)
+    skipped = flight.finding
+    done = causal.passed(model, *search.unknowns(here), here.path, counts, skipped=skipped)
+    settled = Settled(
+        *(here.values, here.log_noise, done, counts, tuple(history), left < NEAR, left),
+        skipped=skipped,
+    )
     doubt = max(2.0 * left / search.count, 1.0)
     return Weighed(settled, *search.told(used, here, settled), used, doubt)
 
@@ -298,7 +305,7 @@ class _Search:
         mine = godambe.integrated(
             *self._scored(asked, point, self._counts), self._spread**-2.0, -off / self._spread
         )
-        matrix, score = self._scored(asked, point, ~self._counts)
+        matrix, score = self._scored(asked, point, done.apart)
         free, last = self._by.free[0], done.last
         return (
             godambe.placed(*mine, free, last.told.count),

@@ -100,7 +100,7 @@ class Investigation:
         variance, count = 0.0, 0.0
         for number, done in enumerate(self.settled):
             moved = self.unknowns.in_flight(number, values)
-            variance += gain.scattered(done.last.blocks, ~done.fitted, moved, causal.BLOCK)
+            variance += gain.scattered(done.last.blocks, done.apart, moved, causal.BLOCK)
             count += done.last.apart.count
         return float(np.sqrt(variance)) / count if count else float(np.nan)
 

@@ -254,7 +254,7 @@ def told(
     done, both = found.settled, []
     share = 1.0 / max(settling.scatter(done, before), found.doubt)
     moved, rows = done.values - before.mean, done.last.log_likelihood[: done.fitted.size]
-    for part, counts in ((found.told, done.fitted), (found.apart, ~done.fitted)):
+    for part, counts in ((found.told, done.fitted), (found.apart, done.apart)):
         score = part.score + part.matrix @ moved
         shared = float(rows[counts].sum() - moved @ (part.score + 0.5 * part.matrix @ moved))
         one = of_flight(unknowns, number, part.matrix, score, part.count, shared)
@@ -300,6 +300,7 @@ def with_terms(
         done.last.path,
         done.fitted,
         more=causal.More(tuple(products), tuple(constants)),
+        skipped=done.skipped,
     )
     values = np.concatenate([done.values, np.zeros(len(COEFFICIENTS) * len(terms))])
     return Weighed(

@@ -153,6 +153,7 @@ def passed(
     *,
     chosen: Bool[np.ndarray, " parameter"] | None = None,
     more: More | None = None,
+    skipped: int = 0,
 ) -> Pass:
     """One pass over a flight.
 
@@ -164,6 +165,7 @@ def passed(
         counts: which rows `told` is made of.
         chosen: parameters that are asked about; of the others nothing is told. None for all.
         more: terms to tell of as well.
+        skipped: rows at the beginning that neither `told` nor `apart` is made of.
     """
     rows = joined(model, means, log_noise, path)
     ahead, _, steps = filtered(path, rows)
@@ -188,12 +190,17 @@ def passed(
         wanted = np.zeros(count, dtype=bool)
         part = counts[first : first + count]
         wanted[: part.size] = part
+        others = ~wanted
+        for some in (wanted, others):
+            some[: max(skipped - first, 0)] = False
         sensitivity, white = _carried(sensitivity, piece, done, motion, seen)
-        mine, others, sums = _gathered(white, done.whitened, jnp.asarray(wanted))
+        mine, beside, sums = _gathered(
+            white, done.whitened, jnp.asarray(wanted), jnp.asarray(others)
+        )
         blocks.append(np.asarray(sums))
         present = np.asarray(piece.present).sum(axis=1)
         told = _sum(told, mine, float(present[wanted].sum()))
-        apart = _sum(apart, others, float(present[~wanted].sum()))
+        apart = _sum(apart, beside, float(present[others].sum()))
         first += count
     scores, end = np.concatenate(blocks), np.asarray(sensitivity)
     if chosen is not None:
@@ -369,13 +376,15 @@ def _gathered(
     white: Float[Array, "sample row parameter"],
     whitened: Float[Array, "sample row"],
     wanted: Bool[Array, " sample"],
+    others: Bool[Array, " sample"],
 ) -> tuple[tuple[Array, Array], tuple[Array, Array], Float[Array, "block parameter"]]:
-    """What a chunk tells: sums over the rows wanted and over the others, scores of blocks.
+    """What a chunk tells: sums over some rows and over others, scores of blocks.
 
     Args:
         white: whitened sensitivities of the innovations.
         whitened: innovations.
         wanted: rows of the first sum.
+        others: rows of the second.
     """
 
     def sums(chosen: Bool[Array, " sample"]) -> tuple[Array, Array]:
@@ -384,7 +393,7 @@ def _gathered(
         return flat.T @ flat, -flat.T @ whitened.reshape(-1)
 
     scores = -jnp.einsum("krp,kr->kp", white, whitened)
-    return sums(wanted), sums(~wanted), scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
+    return sums(wanted), sums(others), scores.reshape(-1, BLOCK, scores.shape[-1]).sum(axis=1)
 
 
 class Moving(NamedTuple):
