@@ -115,9 +115,12 @@ def test_it_says_less_than_scores_at_held_gains_promise(ended) -> None:
 
 
 def test_rows_apart_say_what_they_say_and_move_nothing(by, ended) -> None:
-    half = np.arange(made.COUNT) < made.COUNT // 2
-    mine, told = climbed(by, half, made.unknowns(1.2))
+    half = np.arange(made.COUNT) < (FLIGHT.finding + made.COUNT) // 2
+    # From where the whole flight ended: of so short a flight instruments made elsewhere would serve.
+    mine, told = climbed(by, half, settling.at(ended.settled, KNOWN.means))
     assert told
+    assert mine.settled.fitted.sum() == mine.settled.apart.sum() > 0
+    assert not (mine.settled.fitted | mine.settled.apart)[: FLIGHT.finding].any()
     both = mine.told.matrix + mine.apart.matrix
     ratio = np.diagonal(both)[DERIVATIVES] / np.diagonal(ended.told.matrix)[DERIVATIVES]
     np.testing.assert_array_less(ratio, 2.0)
