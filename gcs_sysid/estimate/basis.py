@@ -35,3 +35,11 @@ def slopes(
 
     point = arrays[variable]
     return np.asarray(jax.jvp(moved, (point,), (jnp.ones_like(point),))[1])
+
+
+def correlation(columns: Float[np.ndarray, "sample term"]) -> Float[np.ndarray, "term term"]:
+    """Of regressors; zero with a constant one."""
+    centred = columns - columns.mean(axis=0)
+    size = np.sqrt(np.sum(centred**2, axis=0))
+    safe = np.where(size > 1e-12 * np.sqrt(columns.shape[0]), size, np.inf)
+    return (centred / safe).T @ (centred / safe)

@@ -185,7 +185,7 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
         white_deviation=np.sqrt(np.diagonal(white)),
         repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,
-        correlation=_correlation(problem.columns),
+        correlation=basis.correlation(problem.columns),
         lowest=problem.columns.min(axis=0),
         highest=problem.columns.max(axis=0),
         samples=count,
@@ -330,14 +330,6 @@ def with_prior(
     kept = np.eye(len(keys)) - gain @ pick
     mean = value + gain @ (believed - pick @ value)
     return mean, kept @ covariance @ kept.T + gain @ variance @ gain.T, kept
-
-
-def _correlation(columns: Float[np.ndarray, "sample term"]) -> Float[np.ndarray, "term term"]:
-    """Correlation of the regressors; zero with a constant one."""
-    centred = columns - columns.mean(axis=0)
-    size = np.sqrt(np.sum(centred**2, axis=0))
-    safe = np.where(size > 1e-12 * np.sqrt(columns.shape[0]), size, np.inf)
-    return (centred / safe).T @ (centred / safe)
 
 
 def _effective(

@@ -1,8 +1,8 @@
 """Along which direction of the derivatives each cause moves them.
 
 A weak elevator takes the same share off all that hold the elevator, a shift of the centre of
-gravity adds lift times an arm to the pitching moment. What causes do beside that, such as lags,
-delays and noise of the flow, is not in it.
+gravity adds lift times an arm to the pitching moment. What shows along the flight in other ways,
+such as lags and delays, is in `traces`; noise of the flow is in neither.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Suspect:
 
 def suspects(aircraft: Aircraft) -> Iterator[Suspect]:
     """Everything that is looked for, for an aircraft file's aerodynamics."""
-    file = _values(aircraft)
+    file = file_values(aircraft)
     parsed = {at: regressors.parse(at[1], controls=aircraft.control_names).variables for at in file}
     for control in aircraft.control_names:
         own = {at: value for at, value in file.items() if control in parsed[at]}
@@ -79,7 +79,7 @@ def _scaled(
     return {at: by * value for at, value in file.items() if at[0] in names}
 
 
-def _values(aircraft: Aircraft) -> dict[tuple[str, str], float]:
+def file_values(aircraft: Aircraft) -> dict[tuple[str, str], float]:
     """The file's derivatives by coefficient and canonical key; none of those with tables."""
     return {
         (name, regressors.parse(key, controls=aircraft.control_names).key): term.value

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.atmosphere import GRAVITY
+from gcs_sysid.estimate import traces
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.frames import Array
 from gcs_sysid.maneuvers.holding import Linear
@@ -348,12 +349,12 @@ def _throttled(aircraft: Aircraft, trimmed: Array, settings: Array, added: Array
 def regressor_values(
     aircraft: Aircraft, density: float, flown: Flown, draw: int = 0
 ) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Every variable that a regressor may use, along one aircraft's motion."""
+    """Every variable that a regressor may use, along one aircraft's motion, and `traces.names`."""
     shape = aircraft.geometry
     speed, rate = flown.airspeed[draw], flown.rate[draw]
     half_span, half_chord = 0.5 * shape.wing_span / speed, 0.5 * shape.mean_chord / speed
     pressure = 0.5 * density * speed**2
-    return {
+    found = {
         "alpha": flown.alpha[draw],
         "beta": flown.beta[draw],
         "phat": rate[:, 0] * half_span,
@@ -366,6 +367,8 @@ def regressor_values(
         "V": speed,
         **dict(zip(aircraft.control_names, flown.controls[draw].T, strict=True)),
     }
+    time = STEP * np.arange(speed.size)
+    return found | traces.values(found, aircraft.control_names, time)
 
 
 def _push(aircraft: Aircraft, speed: Array, settings: Array, density: Array) -> Array:

@@ -95,6 +95,21 @@ def nothing(model: AeroModel) -> Knowledge:
     }
 
 
+def noise_deviation(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
+    """One standard deviation that noise of the measurement leaves; all of it where none is told."""
+    root = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
+    found = np.asarray(fit.deviations.get("noise", root), dtype=float)
+    return np.where(found > 0.0, found, root)
+
+
+def seen(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
+    """What the flights so far tell of the terms by their noise: an information matrix."""
+    root = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
+    size = noise_deviation(fit)
+    inner = np.linalg.pinv(fit.covariance / np.outer(root, root), rcond=1e-10, hermitian=True)
+    return inner / np.outer(size, size)
+
+
 def gusts_teach(fit: CoefficientFit) -> bool:
     """Whether what gusts do to the aircraft tells of it: to the filter, which tells them apart."""
     return "lag" in fit.deviations

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import Direction
+from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.information import Knowledge
 from gcs_sysid.maneuvers.target import Target
 
@@ -67,20 +68,9 @@ def apart(model: AeroModel, known: Knowledge, first: Direction, second: Directio
         )
         if not (one.any() or two.any()):
             continue
-        total = _seen(fit) + known[name].information
+        # By noise only: mass, inertia and what was believed before are among the causes.
+        total = information.seen(fit) + known[name].information
         own += float(one @ total @ one)
         other += float(two @ total @ two)
         shared += float(one @ total @ two)
     return own - shared**2 / other if other > 0.0 else own
-
-
-def _seen(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
-    """What the flights so far tell of the terms, by their noise: what both causes must explain.
-
-    Not by what mass, inertia and a prior add to it, which are among the causes.
-    """
-    root = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
-    noise = np.asarray(fit.deviations.get("noise", root), dtype=float)
-    size = np.where(noise > 0.0, noise, root)
-    inner = np.linalg.pinv(fit.covariance / np.outer(root, root), rcond=1e-10, hermitian=True)
-    return inner / np.outer(size, size)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Shaped
 
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.estimate.result import AeroModel
@@ -21,15 +21,11 @@ from gcs_sysid.gp.local import Shape, Store, built
 from gcs_sysid.gp.posterior import Posterior
 from gcs_sysid.gp.refresh import Settings
 from gcs_sysid.gp.samples import Scaling
+from gcs_sysid.offline import samples_table
 from gcs_sysid.offline.flight import Flight
-from gcs_sysid.regressors import VARIABLES
 
 EFFORT = Effort(settings=Settings(starts=1, steps=30))
 """One start: whatever it finds is judged on what it has not seen."""
-
-
-ABSENT = {"alphadot_hat": 0.0, "h_over_b": 10.0}
-"""Regressors that the table of samples does not have, as they are in steady flight aloft."""
 
 
 def beside(
@@ -151,7 +147,10 @@ def confidence_map(
     Without an envelope in the file it is over what the flights visited.
     """
     used = np.asarray(table["maneuver"]) >= 0
-    values = {name: column[used] for name, column in _regressors(table, model.controls).items()}
+    values = {
+        name: column[used]
+        for name, column in samples_table.regressors(table, model.controls).items()
+    }
     limits = aircraft.envelope
     visited = {name: np.percentile(values[name], (0.5, 99.5)) for name in ("alpha", "beta")}
     alpha, beta = (
@@ -166,20 +165,6 @@ def confidence_map(
         model, flown, alpha=(alpha[0], alpha[1]), beta=(beta[0], beta[1])
     )
     return confidence.document(found)
-
-
-def _regressors(
-    table: Mapping[str, np.ndarray], controls: Sequence[str]
-) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Columns of the samples table under the names that regressors have.
-
-    Those that it lacks stand where the map is drawn: steady, and far from the ground.
-    """
-    count = np.asarray(table["t"]).size
-    out = {name: np.full(count, value) for name, value in ABSENT.items()}
-    out["Tc"] = np.asarray(table["thrust_coefficient"], dtype=float)
-    names = (*VARIABLES, *controls)
-    return out | {name: np.asarray(table[name], dtype=float) for name in names if name in table}
 
 
 def arrays(model: LearnedModel) -> dict[str, np.ndarray]:

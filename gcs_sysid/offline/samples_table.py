@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from gcs_sysid.errors import InputError
+from gcs_sysid.estimate import traces
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.offline.flight import Flight
+from gcs_sysid.regressors import VARIABLES
+
+ABSENT = {"alphadot_hat": 0.0, "h_over_b": 10.0}
+"""Regressors that the table does not have, as they are in steady flight aloft."""
 
 
 def table(
@@ -85,6 +93,53 @@ def _one(
     columns["maneuver"] = piece
     columns["held_out"] = np.isin(piece, np.asarray(list(held_out), dtype=int))
     return columns
+
+
+def regressors(
+    table: Mapping[str, np.ndarray], controls: Sequence[str]
+) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Columns of the table under the names that regressors have; what it lacks is `ABSENT`."""
+    count = np.asarray(table["t"]).size
+    out = {name: np.full(count, value) for name, value in ABSENT.items()}
+    out["Tc"] = np.asarray(table["thrust_coefficient"], dtype=float)
+    names = (*VARIABLES, *controls)
+    return out | {name: np.asarray(table[name], dtype=float) for name in names if name in table}
+
+
+def flown(model_dir: Path, model: AeroModel) -> dict[str, np.ndarray]:
+    """Every variable along the flights of a model, and what `traces` needs beside it.
+
+    Raises:
+        InputError: the samples that `identify` writes beside the model are not there.
+    """
+    path = next(
+        (
+            folder / "samples.parquet"
+            for folder in (model_dir, model_dir.parent)
+            if (folder / "samples.parquet").is_file()
+        ),
+        None,
+    )
+    if path is None:
+        raise InputError(
+            str(model_dir),
+            "has no samples.parquet beside it, without which nobody knows what its flights say of "
+            "these causes",
+            fix="give the folder that identify wrote, or identify again",
+        )
+    columns = pq.read_table(path).to_pydict()
+    table = {name: np.asarray(column) for name, column in columns.items()}
+    found = regressors(table, model.controls)
+    each = np.unique(table["flight"])
+    parts = [
+        traces.values(
+            {name: column[table["flight"] == one] for name, column in found.items()},
+            model.controls,
+            table["t"][table["flight"] == one],
+        )
+        for one in each
+    ]
+    return found | {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _flow_error(samples: Samples, model: AeroModel, name: str) -> Float[np.ndarray, " sample"]:

@@ -18,7 +18,7 @@ from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
-from gcs_sysid.maneuvers.flown import LANES, Simulator
+from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
 from gcs_sysid.maneuvers.information import Knowledge
 from gcs_sysid.maneuvers.separation import Separation
 from gcs_sysid.maneuvers.sortie import Sortie
@@ -28,6 +28,7 @@ from gcs_sysid.model.trim import Trim
 from gcs_sysid.offline import (
     documents,
     model_store,
+    samples_table,
     suggestion_entries,
     suggestion_exports,
     suggestion_files,
@@ -78,16 +79,22 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     aircraft = _aircraft(stored, model_dir)
     generator = np.random.default_rng(question.seed)
     gust = _gust(model_dir, question.gust)
-    known = information.nothing(stored.model)
-    progress("finding level flight", 0.02)
-    conditions, refused = _conditions(aircraft, stored.model, gust["value"], generator, progress)
-    target = (
-        suggestion_target.chosen(
-            stored.model, question.target, question.region, _level(conditions[0])
+    model, target = stored.model, None
+    if question.separate is not None:
+        target, model = suggestion_target.separating(
+            stored.model,
+            aircraft,
+            question.separate,
+            lambda: samples_table.flown(model_dir, stored.model),
         )
-        if question.separate is None
-        else suggestion_target.separating(stored.model, aircraft, question.separate)
-    )
+    known = information.nothing(model)
+    progress("finding level flight", 0.02)
+    drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
+    conditions, refused = _conditions(aircraft, model, drawn, gust["value"], generator, progress)
+    if target is None:
+        target = suggestion_target.chosen(
+            model, question.target, question.region, _level(conditions[0])
+        )
     candidates, more = _sized(conditions, target, progress)
     refused += more
     if not candidates:
@@ -96,18 +103,16 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
             f"no maneuver for {target.words} is safe: {refused[0].reason if refused else 'none'}",
             fix="widen [envelope] where the aircraft allows it, or fly in calmer air",
         )
-    unsure = _unsure(stored.model, known, [item for item, _ in candidates], target)
+    unsure = _unsure(model, known, [item for item, _ in candidates], target)
     kept: list[tuple[float, Maneuver]] = []
-    before = sortie.covariances(stored.model, known)
+    before = sortie.covariances(model, known)
     plan = Sortie((), 0.0, before, before)
     if _wanted(question, unsure):
         progress("proving that they are safe", 0.7)
-        kept, plan, late = _chosen(
-            target, stored.model, candidates, 60.0 * question.minutes, generator
-        )
+        kept, plan, late = _chosen(target, model, candidates, 60.0 * question.minutes, generator)
         refused += late
     names = (*aircraft.control_names, THROTTLE)
-    listed = _listed(kept, plan, names, target, stored.model, aircraft)
+    listed = _listed(kept, plan, names, target, model, aircraft)
     for _, item in kept:
         documents.write_text(out / f"{item.name}.csv", suggestion_files.csv(item, names))
     suggestion_exports.write(
@@ -122,21 +127,21 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "flights": [],
         "confidence": question.confidence,
         "target": question.target,
-        "separate": _separated(stored.model, plan, target),
+        "separate": _separated(model, plan, target),
         "region": {name: list(pair) for name, pair in target.region.items()},
         "gust": gust,
         "conditions": [_condition(item) for item in conditions],
         "unsure": unsure,
         "maneuvers": listed,
         "confidence_map": suggestion_map.confidence(
-            stored.model,
+            model,
             plan,
             target,
             conditions[0].allowed,
             _level(conditions[0]),
             {name: item["spread"] for name, item in unsure.items()},
         ),
-        "sortie": suggestion_entries.sortie(plan, stored.model, target, gust),
+        "sortie": suggestion_entries.sortie(plan, model, target, gust),
         "poor_model": sortie.poor(stored.model),
         "refused": [{"name": item.name, "reason": item.reason} for item in refused],
         "fly": None,
@@ -194,6 +199,7 @@ def _warnings(gust: Mapping[str, Any]) -> list[str]:
 def _conditions(
     aircraft: Aircraft,
     model: AeroModel,
+    drawn: Drawn,
     gust: float,
     generator: np.random.Generator,
     progress: Progress,
@@ -202,7 +208,6 @@ def _conditions(
     if aircraft.envelope is None:
         raise ValueError("checked before")
     simulator = Simulator(aircraft)
-    drawn = flown.draws(aircraft, model, generator, LANES * design.TRIALS)
     found, refused = [], []
     low, high = aircraft.envelope.airspeed
     for number, share in enumerate(SPEEDS):

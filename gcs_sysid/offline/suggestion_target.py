@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.errors import RegressorError, UsageError
+from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import Suspect, suspects
+from gcs_sysid.estimate.traces import traces
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers import target as targets
 from gcs_sysid.maneuvers.separation import Separation, apart, separation
 from gcs_sysid.maneuvers.target import Target
+from gcs_sysid.maneuvers.widened import widened
 
 ALIKE = 1e-9
 """Part of what is known of a cause alone, from which on another is called the same."""
@@ -92,32 +95,53 @@ def chosen(
     return targets.derivatives(model, coefficients)
 
 
-def separating(model: AeroModel, aircraft: Aircraft, asked: str) -> Separation:
-    """The target that `--separate` names.
+def separating(
+    model: AeroModel, aircraft: Aircraft, asked: str, flown: Callable[[], Values]
+) -> tuple[Separation, AeroModel]:
+    """The target that `--separate` names, and the model with all terms that it asks about.
 
     Args:
         model: identified so far.
         aircraft: with the model for its aerodynamics.
         asked: two causes as `mass,cg_shift`; with what they are about after a colon where there
             are several, as `surface_effectiveness:elevator` or `aero_derivative:CZ_alpha`.
+        flown: every variable along the flights of the model, those of `traces` among them; asked
+            for where a cause shows in other ways than the model's terms do.
 
     Raises:
-        UsageError: not two causes, one that moves no derivative, or two that move them alike.
+        UsageError: not two causes, one that moves no coefficient, or two that move them alike.
     """
-    every = [one for one in suspects(aircraft) if {name for name, _ in one.moves} & set(model.fits)]
+    every = [
+        one
+        for one in (*suspects(aircraft), *traces(aircraft))
+        if {name for name, _ in one.moves} & set(model.fits)
+    ]
     names = [part.strip() for part in asked.split(",")]
     if len(names) != 2:
         raise UsageError(f"--separate {asked}: give two causes, as in mass,cg_shift")
     one, other = (_suspect(every, name) for name in names)
+    further = _further(model, (one, other))
+    if further:
+        model = widened(model, further, flown())
     made = separation(model, (one.label, other.label), one.moves, other.moves)
     nothing = information.nothing(model)
     alone = apart(model, nothing, one.moves, {})
     if apart(model, nothing, one.moves, other.moves) <= ALIKE * alone:
         raise UsageError(
-            f"--separate {asked}: they move the derivatives alike, so that no maneuver tells them "
+            f"--separate {asked}: they move the coefficients alike, so that no maneuver tells them "
             "apart; weigh, swing or measure one of them on the ground"
         )
-    return made
+    return made, model
+
+
+def _further(model: AeroModel, pair: Sequence[Suspect]) -> dict[str, tuple[str, ...]]:
+    """Terms of two causes that the model does not have, by coefficient."""
+    found: dict[str, dict[str, None]] = {}
+    for one in pair:
+        for name, key in one.moves:
+            if name in model.fits and key not in model.fits[name].keys:
+                found.setdefault(name, {})[key] = None
+    return {name: tuple(keys) for name, keys in found.items()}
 
 
 def _suspect(every: Sequence[Suspect], text: str) -> Suspect:

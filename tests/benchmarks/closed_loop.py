@@ -47,8 +47,9 @@ numerics.keep_freed_memory()
 from gcs_sysid import aircraft_file  # noqa: E402
 from gcs_sysid.aircraft import Aircraft, Value  # noqa: E402
 from gcs_sysid.estimate.result import AeroModel  # noqa: E402
-from gcs_sysid.maneuvers import design, recipes  # noqa: E402
+from gcs_sysid.maneuvers import design, flown, recipes  # noqa: E402
 from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
+from gcs_sysid.maneuvers.flown import LANES  # noqa: E402
 from gcs_sysid.maneuvers.information import Added, Knowledge  # noqa: E402
 from gcs_sysid.offline import identify, model_store, suggest  # noqa: E402
 from gcs_sysid.offline.suggestion_target import Question  # noqa: E402
@@ -305,7 +306,8 @@ def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
     aircraft = suggest._aircraft(stored, folder / "before")
     gust = suggest._gust(folder / "before", None)["value"]
     generator = np.random.default_rng(seed)
-    conditions, _ = suggest._conditions(aircraft, stored.model, gust, generator, _silent)
+    drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
+    conditions, _ = suggest._conditions(aircraft, stored.model, drawn, gust, generator, _silent)
     return Known(believed, stored.model, conditions, document, folder, seed)
 
 

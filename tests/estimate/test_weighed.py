@@ -116,7 +116,7 @@ def test_it_says_less_than_scores_at_held_gains_promise(ended) -> None:
 
 def test_rows_apart_say_what_they_say_and_move_nothing(by, ended) -> None:
     half = np.arange(made.COUNT) < (FLIGHT.finding + made.COUNT) // 2
-    # From where the whole flight ended: of so short a flight instruments made elsewhere would serve.
+    # From where the whole flight ended: for so short a one, instruments made elsewhere would serve.
     mine, told = climbed(by, half, settling.at(ended.settled, KNOWN.means))
     assert told
     assert mine.settled.fitted.sum() == mine.settled.apart.sum() > 0

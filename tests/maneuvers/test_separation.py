@@ -8,11 +8,16 @@ from scipy import linalg
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.suspects import Direction, suspects
 from gcs_sysid.maneuvers import information, separation
 from gcs_sysid.maneuvers.information import Added, Knowledge
 from gcs_sysid.offline import suggestion_target
 from tests.maneuvers.made_model import aircraft, model
+
+
+def unflown() -> Values:
+    raise AssertionError("nothing but the model's own terms is asked about")
 
 
 def moved(made: Aircraft, label: str) -> Direction:
@@ -72,7 +77,9 @@ def test_what_is_like_itself_is_told_by_nothing() -> None:
 
 def test_causes_are_named_as_diagnose_has_them() -> None:
     made = aircraft()
-    asked = suggestion_target.separating(model(), made, "surface_effectiveness:elevator,cg_shift")
+    text = "surface_effectiveness:elevator,cg_shift"
+    asked, same = suggestion_target.separating(model(), made, text, unflown)
+    assert same.fits.keys() == model().fits.keys()
     assert asked.words == "surface_effectiveness elevator or cg_shift"
     assert set(asked.coefficients) == {"Cm", "Cn"}
     assert asked.region == {}
@@ -85,10 +92,10 @@ def test_causes_are_named_as_diagnose_has_them() -> None:
         ("mass,wind", "`wind` is not one cause; there are surface_effectiveness:"),
         ("mass,surface_effectiveness", "there are surface_effectiveness:aileron, surface_eff"),
         ("mass,surface_effectiveness:flap", "there are surface_effectiveness:aileron, surface_eff"),
-        ("mass,mass", "move the derivatives alike"),
-        ("inertia:Iyy,inertia:Iyy", "move the derivatives alike"),
+        ("mass,mass", "move the coefficients alike"),
+        ("inertia:Iyy,inertia:Iyy", "move the coefficients alike"),
     ],
 )
 def test_what_cannot_be_told_apart_is_refused(text: str, says: str) -> None:
     with pytest.raises(UsageError, match=says):
-        suggestion_target.separating(model(), aircraft(), text)
+        suggestion_target.separating(model(), aircraft(), text, unflown)
