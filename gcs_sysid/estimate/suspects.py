@@ -7,11 +7,11 @@ such as lags and delays, is in `traces`; noise of the flow is in neither.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from gcs_sysid import regressors
-from gcs_sysid.aircraft import FORCES, MOMENTS, Aircraft
+from gcs_sysid.aircraft import FORCES, MOMENTS, Aircraft, Value
 
 RATES = frozenset({"phat", "qhat", "rhat", "alphadot_hat"})
 
@@ -79,11 +79,25 @@ def _scaled(
     return {at: by * value for at, value in file.items() if at[0] in names}
 
 
+def named(every: Iterable[Suspect], text: str) -> list[Suspect]:
+    """Those of some suspects that a text means: a cause, and after a colon what it is about."""
+    cause, _, about = text.partition(":")
+    return [one for one in every if one.cause == cause and about in ("", one.about)]
+
+
 def file_values(aircraft: Aircraft) -> dict[tuple[str, str], float]:
     """The file's derivatives by coefficient and canonical key; none of those with tables."""
-    return {
-        (name, regressors.parse(key, controls=aircraft.control_names).key): term.value
-        for name, model in aircraft.aerodynamics.items()
-        if not model.tables
-        for key, term in model.terms.items()
-    }
+    return {at: term.value for at, term in _terms(aircraft)}
+
+
+def file_sigmas(aircraft: Aircraft) -> dict[tuple[str, str], float]:
+    """One standard deviation of each."""
+    return {at: term.sigma for at, term in _terms(aircraft)}
+
+
+def _terms(aircraft: Aircraft) -> Iterator[tuple[tuple[str, str], Value]]:
+    for name, model in aircraft.aerodynamics.items():
+        if model.tables:
+            continue
+        for key, term in model.terms.items():
+            yield (name, regressors.parse(key, controls=aircraft.control_names).key), term

@@ -1,12 +1,17 @@
 """What tells two causes apart, and what a maneuver is worth for it.
 
-Two causes move the derivatives along d and e (`estimate.suspects`). Of what flights know of the
-derivatives, I, that of the size of the first is worth
+Two causes move the coefficients along d and e (`estimate.suspects`, `estimate.traces`), while each
+derivative of the file is off by its sigma s as well. Of what flights know of all terms, J, there is
 
-    λ = dᵀ I d − (dᵀ I e)² / (eᵀ I e)
+    A = J − J (J + S⁻²)⁻¹ J,    S = diag(s),
 
-where the size of the second is as unknown: of what d does, the part that e cannot do as well. 1/√λ
-is one standard deviation of that size. Worth is ½ log(λ′/λ).
+left for something beside such errors, and of that the size of the first is worth
+
+    λ = dᵀ A d − (dᵀ A e)² / (eᵀ A e)
+
+where the size of the second is as unknown: of what d does, the part that neither e nor ordinary
+errors of the file can do as well. 1/√λ is one standard deviation of that size. Worth is
+½ log(λ′/λ).
 """
 
 from __future__ import annotations
@@ -25,52 +30,73 @@ from gcs_sysid.maneuvers.target import Target
 
 
 @dataclass(frozen=True)
-class Separation(Target):
-    """Asks which of two causes it is.
+class Pair:
+    """Two causes beside ordinary errors of the file.
 
     Attributes:
         first: direction of the one.
         second: direction of the other.
+        ordinary: sigma of each derivative of the file, by coefficient and regressor.
     """
 
     first: Direction
     second: Direction
+    ordinary: Direction
+
+
+@dataclass(frozen=True)
+class Separation(Target):
+    """Asks which of two causes it is.
+
+    Attributes:
+        pair: of causes.
+    """
+
+    pair: Pair
 
     def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
         """Of the size of the first, see the module."""
-        return (1.0 / max(apart(model, known, self.first, self.second), 1e-300),)
+        return (1.0 / max(apart(model, known, self.pair), 1e-300),)
 
 
-def separation(
-    model: AeroModel, names: tuple[str, str], first: Direction, second: Direction
-) -> Separation:
+def separation(model: AeroModel, names: tuple[str, str], pair: Pair) -> Separation:
     """The question which of two causes it is.
 
     Args:
         model: identified so far.
         names: of the causes, for people.
-        first: direction of the one.
-        second: direction of the other.
+        pair: the causes.
     """
-    moved = {name for name, _ in (*first, *second)}
+    moved = {name for name, _ in (*pair.first, *pair.second)}
     questions: Mapping[str, tuple[Float[np.ndarray, "term term"], ...]] = {
         name: () for name in model.fits if name in moved
     }
-    return Separation(questions, f"{names[0]} or {names[1]}", {}, first, second)
+    return Separation(questions, f"{names[0]} or {names[1]}", {}, pair)
 
 
-def apart(model: AeroModel, known: Knowledge, first: Direction, second: Direction) -> float:
+def apart(model: AeroModel, known: Knowledge, pair: Pair) -> float:
     """λ of the module: what is known of the first's size whatever the second's."""
     own = other = shared = 0.0
     for name, fit in model.fits.items():
-        one, two = (
-            np.array([each.get((name, key), 0.0) for key in fit.keys]) for each in (first, second)
+        one, two, sigma = (
+            np.array([each.get((name, key), 0.0) for key in fit.keys])
+            for each in (pair.first, pair.second, pair.ordinary)
         )
         if not (one.any() or two.any()):
             continue
         # By noise only: mass, inertia and what was believed before are among the causes.
-        total = information.seen(fit) + known[name].information
-        own += float(one @ total @ one)
-        other += float(two @ total @ two)
-        shared += float(one @ total @ two)
+        told = _beside(information.seen(fit) + known[name].information, sigma)
+        own += float(one @ told @ one)
+        other += float(two @ told @ two)
+        shared += float(one @ told @ two)
     return own - shared**2 / other if other > 0.0 else own
+
+
+def _beside(
+    told: Float[np.ndarray, "term term"], sigma: Float[np.ndarray, " term"]
+) -> Float[np.ndarray, "term term"]:
+    """A of the module; what has no sigma is not off by itself."""
+    free = sigma > 0.0
+    across = told[:, free]
+    inner = told[np.ix_(free, free)] + np.diag(sigma[free] ** -2.0)
+    return told - across @ np.linalg.solve(inner, across.T)

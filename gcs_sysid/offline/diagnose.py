@@ -149,7 +149,7 @@ def _unfinished(
         "complete": False,
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(nobody, None),
+        **entries.verdict(nobody, under.aircraft, None),
         "ranking": entries.ranking(ranked),
         "alternatives": entries.alternatives(ranked),
         "maneuvers": summary.maneuvers(flights, ()),
@@ -265,7 +265,7 @@ def _diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(answer, missing),
+        **entries.verdict(answer, aircraft, missing),
         "ranking": entries.ranking(answer.ranked),
         "discrepancy": _discrepancy(final, fit.problems, corrections)
         if trusted

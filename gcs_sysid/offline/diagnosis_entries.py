@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided.power import Power
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
 from gcs_sysid.diagnose.verdict import INCREDIBLE, Verdict
+from gcs_sysid.estimate.suspects import named, suspects
+from gcs_sysid.estimate.traces import traces
 
 LISTED = 12
 """Sets of causes that the document lists."""
@@ -18,6 +21,7 @@ LISTED = 12
 
 def verdict(
     answer: Verdict,
+    aircraft: Aircraft,
     missing: Missing | MissingTerm | None,
     unlisted: float | None = None,
 ) -> dict[str, Any]:
@@ -25,6 +29,7 @@ def verdict(
 
     Args:
         answer: of the ranking.
+        aircraft: the simulation.
         missing: a term that nothing listed stands for, where one is asked for.
         unlisted: probability that one is missing, where that is known.
     """
@@ -44,6 +49,7 @@ def verdict(
         "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
         "indistinguishable": list(dict.fromkeys(rivals)),
         "separating_maneuver": _separating(answer),
+        "separate": separate(answer, aircraft),
         "effects": list(best.names) if named else ["unlisted"] if missing else [],
         "perhaps": {one.label: share for one, share in answer.perhaps.items()} if named else {},
         "unlisted": None
@@ -75,6 +81,30 @@ def _separating(answer: Verdict) -> str | None:
         return None
     causes = {one.cause.name: one.cause for item in answer.indistinguishable for one in item.causes}
     return "; ".join(cause.shown_by for cause in causes.values())
+
+
+def separate(answer: Verdict, aircraft: Aircraft) -> str | None:
+    """What `suggest --separate` is to be asked: the first two causes of which it may be either.
+
+    None where there are no two that it knows of.
+    """
+    if answer.answer != "ambiguous":
+        return None
+    every = [*suspects(aircraft), *traces(aircraft)]
+    sets = answer.indistinguishable
+    common = set(sets[0].causes).intersection(*(item.causes for item in sets))
+    words = [_asked(one, own) for item in sets for one, own in pairs(item) if one not in common]
+    known = [text for text in dict.fromkeys(words) if len(named(every, text)) == 1]
+    return ",".join(known[:2]) if len(known) > 1 else None
+
+
+def _asked(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
+    """A cause and what it is about; of several parameters the one that is farthest off."""
+    about = candidate.about.replace(".", "_")
+    if len(estimates) > 1 and not about:
+        farthest = max(estimates, key=lambda one: abs(one.value - one.nominal) / one.deviation)
+        about = farthest.name.removesuffix("_ratio").removeprefix("bias_")
+    return f"{candidate.cause.name}:{about}" if about else candidate.cause.name
 
 
 def ranking(

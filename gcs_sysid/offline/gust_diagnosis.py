@@ -99,7 +99,7 @@ def diagnosed(
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,
         "flights": summary.flights_document(flights),
-        **entries.verdict(answer, missing, found.unlisted),
+        **entries.verdict(answer, aircraft, missing, found.unlisted),
         "ranking": entries.ranking(answer.ranked, found.missing, found.unlisted),
         "discrepancy": departed.discrepancy(table),
         "alternatives": entries.alternatives(answer.ranked),

@@ -82,7 +82,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     model, target = stored.model, None
     if question.separate is not None:
         target, model = suggestion_target.separating(
-            stored.model,
+            stored,
             aircraft,
             question.separate,
             lambda: samples_table.flown(model_dir, stored.model),
@@ -322,8 +322,7 @@ def _separated(model: AeroModel, plan: Sortie, target: Target) -> dict[str, Any]
     for step in plan.steps:
         known.append(information.with_more(known[-1], step.maneuver.knowledge(), share=step.share))
     before, after = (
-        separation.apart(model, one, target.first, target.second) ** -0.5
-        for one in (known[0], known[-1])
+        separation.apart(model, one, target.pair) ** -0.5 for one in (known[0], known[-1])
     )
     return {"causes": target.words, "sd_before": before, "sd_after": after}
 

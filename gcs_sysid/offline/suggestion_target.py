@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gcs_sysid import regressors
@@ -12,13 +12,14 @@ from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.errors import RegressorError, UsageError
 from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.estimate.suspects import Suspect, suspects
+from gcs_sysid.estimate.suspects import Suspect, file_sigmas, named, suspects
 from gcs_sysid.estimate.traces import traces
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers import target as targets
-from gcs_sysid.maneuvers.separation import Separation, apart, separation
+from gcs_sysid.maneuvers.separation import Pair, Separation, apart, separation
 from gcs_sysid.maneuvers.target import Target
 from gcs_sysid.maneuvers.widened import widened
+from gcs_sysid.offline.model_store import StoredModel
 
 ALIKE = 1e-9
 """Part of what is known of a cause alone, from which on another is called the same."""
@@ -96,12 +97,12 @@ def chosen(
 
 
 def separating(
-    model: AeroModel, aircraft: Aircraft, asked: str, flown: Callable[[], Values]
+    stored: StoredModel, aircraft: Aircraft, asked: str, flown: Callable[[], Values]
 ) -> tuple[Separation, AeroModel]:
     """The target that `--separate` names, and the model with all terms that it asks about.
 
     Args:
-        model: identified so far.
+        stored: identified so far, and the file whose simulation the causes are about.
         aircraft: with the model for its aerodynamics.
         asked: two causes as `mass,cg_shift`; with what they are about after a colon where there
             are several, as `surface_effectiveness:elevator` or `aero_derivative:CZ_alpha`.
@@ -111,6 +112,7 @@ def separating(
     Raises:
         UsageError: not two causes, one that moves no coefficient, or two that move them alike.
     """
+    model = stored.model
     every = [
         one
         for one in (*suspects(aircraft), *traces(aircraft))
@@ -123,15 +125,15 @@ def separating(
     further = _further(model, (one, other))
     if further:
         model = widened(model, further, flown())
-    made = separation(model, (one.label, other.label), one.moves, other.moves)
+    pair = Pair(one.moves, other.moves, file_sigmas(stored.aircraft))
     nothing = information.nothing(model)
-    alone = apart(model, nothing, one.moves, {})
-    if apart(model, nothing, one.moves, other.moves) <= ALIKE * alone:
+    alone = apart(model, nothing, replace(pair, second={}))
+    if apart(model, nothing, pair) <= ALIKE * alone:
         raise UsageError(
             f"--separate {asked}: they move the coefficients alike, so that no maneuver tells them "
             "apart; weigh, swing or measure one of them on the ground"
         )
-    return made, model
+    return separation(model, (one.label, other.label), pair), model
 
 
 def _further(model: AeroModel, pair: Sequence[Suspect]) -> dict[str, tuple[str, ...]]:
@@ -145,11 +147,10 @@ def _further(model: AeroModel, pair: Sequence[Suspect]) -> dict[str, tuple[str, 
 
 
 def _suspect(every: Sequence[Suspect], text: str) -> Suspect:
-    cause, _, about = text.partition(":")
-    found = [one for one in every if one.cause == cause and about in ("", one.about)]
+    found = named(every, text)
     if len(found) == 1:
         return found[0]
-    near = found or [one for one in every if one.cause == cause] or every
+    near = found or named(every, text.partition(":")[0]) or every
     listed = (f"{one.cause}:{one.about}" if one.about else one.cause for one in near)
     raise UsageError(f"--separate: `{text}` is not one cause; there are {', '.join(listed)}")
 

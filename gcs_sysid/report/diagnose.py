@@ -123,7 +123,9 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
 def _fly_next(summary: Mapping) -> str:
     """What to fly to tell causes apart, or to see those that this flight says too little of."""
     if summary["separating_maneuver"]:
-        return summary["separating_maneuver"]
+        asked = summary.get("separate")
+        planned = f"; `suggest --separate {asked}` plans it" if asked else ""
+        return summary["separating_maneuver"] + planned
     told = summary["verdict"] in ("effect", "insufficient_data")
     if not told or not summary.get("followed", True):
         return ""

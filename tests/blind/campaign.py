@@ -29,7 +29,17 @@ from tests.blind.tables import Result
 
 KEPT = (
     *("verdict", "cause", "probability", "ranking", "indistinguishable", "separating_maneuver"),
-    *("effects", "unlisted", "discrepancy", "gain", "detectable", "warnings", "timing", "message"),
+    *(
+        "separate",
+        "effects",
+        "unlisted",
+        "discrepancy",
+        "gain",
+        "detectable",
+        "warnings",
+        "timing",
+        "message",
+    ),
 )
 """What of a diagnosis a campaign keeps."""
 

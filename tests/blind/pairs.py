@@ -105,40 +105,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def question(diagnosis: Mapping[str, Any]) -> str | None:
-    """What `--separate` is asked: the first two of a group that a diagnosis cannot tell apart.
-
-    None where it names no group of two, nothing being wrong left out.
-    """
-    if diagnosis.get("verdict") != "ambiguous":
-        return None
-    group = set(diagnosis["indistinguishable"]) - {"none"}
-    single = [
-        one for one in diagnosis["ranking"] if len(one["causes"]) == 1 and one["causes"][0] in group
-    ]
-    words = list(dict.fromkeys(_in_words(one) for one in single))
-    return ",".join(words[:2]) if len(words) > 1 else None
-
-
-def _in_words(entry: Mapping[str, Any]) -> str:
-    """A cause as `suggest --separate` names it, with what it is about."""
-    (cause,) = entry["causes"]
-    for one in entry["parameters"].values():
-        if "control" in one or "derivative" in one:
-            about = str(one.get("control") or one.get("derivative"))
-            return f"{cause}:{about.replace('.', '_')}"
-    if cause == "inertia":
-        return f"{cause}:{_farthest(entry['parameters']).removesuffix('_ratio')}"
-    return cause
-
-
-def _farthest(parameters: Mapping[str, Mapping[str, float]]) -> str:
-    """The ratio that is farthest from 1, in its deviations."""
-    return max(
-        parameters, key=lambda name: abs(parameters[name]["value"] - 1.0) / parameters[name]["sd"]
-    )
-
-
 def _finished(pair: Pair, asked: argparse.Namespace) -> tuple[Pair, Draw, dict[str, Any]]:
     """A pair's document; one that is kept is taken as it is, unless asked for again."""
     index = PAIRS.index(pair)
@@ -161,7 +127,7 @@ def _flown(one: Draw, folder: Path) -> dict[str, Any]:
     if recorded.departed:
         return {"first": {"verdict": "not flown"}, "asked": None, "second": None}
     first, _ = fly.diagnose(recorded, folder / "first")
-    asked = question(first)
+    asked = first.get("separate")
     found: dict[str, Any] = {"first": _kept(first), "asked": asked, "second": None}
     if asked is None:
         return found

@@ -14,7 +14,7 @@ from gcs_sysid.sitl import record
 from tests.benchmarks import suggested
 from tests.blind import fly, pairs
 from tests.blind.fly import Recorded
-from tests.blind.pairs import PAIRS, question
+from tests.blind.pairs import PAIRS
 
 
 def entry(cause: str, probability: float, **parameters: dict[str, Any]) -> dict[str, Any]:
@@ -23,34 +23,16 @@ def entry(cause: str, probability: float, **parameters: dict[str, Any]) -> dict[
 
 def group(*ranking: dict[str, Any]) -> dict[str, Any]:
     causes = [one["causes"][0] for one in ranking]
-    return {"verdict": "ambiguous", "indistinguishable": causes, "ranking": list(ranking)}
+    return {
+        **{"verdict": "ambiguous", "indistinguishable": causes, "ranking": list(ranking)},
+        "separate": "aero_derivative:Cm_alpha,cg_shift",
+    }
 
 
 SHIFT = entry("cg_shift", 0.5, cg_x_chord={"value": 0.05, "sd": 0.01})
 SLOPE = entry(
     "aero_derivative", 0.3, ratio={"value": 1.2, "sd": 0.1, "derivative": "Cm.alpha"}
 )  # fmt: skip
-NOTHING = {"causes": ["none"], "probability": 0.1, "parameters": {}}
-
-
-def test_a_group_is_asked_about_in_the_words_of_suggest() -> None:
-    assert question(group(SHIFT, SLOPE)) == "cg_shift,aero_derivative:Cm_alpha"
-    assert question(group(SHIFT, NOTHING, SLOPE)) == "cg_shift,aero_derivative:Cm_alpha"
-
-
-def test_an_inertia_is_that_of_the_axis_that_is_farthest_off() -> None:
-    axes = {
-        "Ixx_ratio": {"value": 1.02, "sd": 0.05},
-        "Iyy_ratio": {"value": 0.8, "sd": 0.05},
-        "Izz_ratio": {"value": 1.4, "sd": 0.3},
-    }
-    assert question(group(entry("inertia", 0.6, **axes), SHIFT)) == "inertia:Iyy,cg_shift"
-
-
-def test_nothing_is_asked_where_nobody_must_be_told_apart() -> None:
-    named = {"verdict": "effect", "indistinguishable": ["cg_shift"], "ranking": [SHIFT]}
-    assert question(named) is None
-    assert question(group(SHIFT, NOTHING)) is None
 
 
 def test_a_pair_is_diagnosed_flown_again_and_kept(

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.estimate.suspects import suspects
+from gcs_sysid.estimate.suspects import file_sigmas, suspects
 from gcs_sysid.maneuvers import (
     axes,
     design,
@@ -26,6 +26,7 @@ from gcs_sysid.maneuvers import (
 from gcs_sysid.maneuvers import target as targets
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, STEP, Simulator
+from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.model import rigid_body, trim
 from tests.maneuvers.made_model import aircraft, model
 
@@ -313,15 +314,15 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
     """Among all that were flown, by λ before and after each for its flight time."""
     which = {one.label: one.moves for one in suspects(at.aircraft)}
     names = ("surface_effectiveness elevator", "inertia Iyy")
-    pair = which[names[0]], which[names[1]]
-    asked = separation.separation(model(), names, *pair)
+    pair = Pair(which[names[0]], which[names[1]], file_sigmas(at.aircraft))
+    asked = separation.separation(model(), names, pair)
     start, items = information.nothing(model()), list(planned.values())
 
     def told(item: Maneuver) -> float:
-        before = separation.apart(model(), start, *pair)
+        before = separation.apart(model(), start, pair)
         flights = range(design.CALM)
         each = [{name: parts[draw] for name, parts in item.each.items()} for draw in flights]
-        after = [separation.apart(model(), information.with_more(start, one), *pair)
+        after = [separation.apart(model(), information.with_more(start, one), pair)
                  for one in each]  # fmt: skip
         return float(np.mean(0.5 * np.log(np.array(after) / before))) / sortie.cost(item)
 

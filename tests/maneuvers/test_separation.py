@@ -9,11 +9,17 @@ from scipy import linalg
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.basis import Values
-from gcs_sysid.estimate.suspects import Direction, suspects
+from gcs_sysid.estimate.suspects import Direction, file_sigmas, suspects
 from gcs_sysid.maneuvers import information, separation
 from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.offline import suggestion_target
+from gcs_sysid.offline.model_store import StoredModel
 from tests.maneuvers.made_model import aircraft, model
+
+
+def stored() -> StoredModel:
+    return StoredModel(model(), aircraft(), 0.0, [])
 
 
 def unflown() -> Values:
@@ -34,18 +40,25 @@ def more(seed: int) -> Knowledge:
     return found
 
 
-def regressed(known: Knowledge, first: Direction, second: Direction) -> float:
-    """Square of what is left of one direction once the other has explained what it can."""
-    roots, ones, others = [], [], []
+def regressed(known: Knowledge, pair: Pair) -> float:
+    """Square of what is left of one direction once all else has explained what it can.
+
+    Rows are those of the flights, and one for each derivative that its file knows to its sigma.
+    """
+    roots, ones, others, sigmas = [], [], [], []
     for name, fit in model().fits.items():
         total = np.diag((0.05 * fit.value) ** -2.0) + known[name].information
         roots.append(np.linalg.cholesky(total).T)
-        ones += [first.get((name, key), 0.0) for key in fit.keys]
-        others += [second.get((name, key), 0.0) for key in fit.keys]
-    root = linalg.block_diag(*roots)
-    one, other = root @ np.array(ones), root @ np.array(others)
-    share = np.linalg.lstsq(other[:, None], one, rcond=None)[0]
-    return float(np.sum((one - other * share) ** 2))
+        ones += [pair.first.get((name, key), 0.0) for key in fit.keys]
+        others += [pair.second.get((name, key), 0.0) for key in fit.keys]
+        sigmas += [pair.ordinary[name, key] for key in fit.keys]
+    root, believed = linalg.block_diag(*roots), np.diag(1.0 / np.array(sigmas))
+    nothing = np.zeros(len(ones))
+    one = np.concatenate([root @ np.array(ones), nothing])
+    rest = np.vstack([np.column_stack([root @ np.array(others), root]),
+                      np.column_stack([nothing, believed])])  # fmt: skip
+    share = np.linalg.lstsq(rest, one, rcond=None)[0]
+    return float(np.sum((one - rest @ share) ** 2))
 
 
 @pytest.mark.parametrize(
@@ -58,27 +71,40 @@ def regressed(known: Knowledge, first: Direction, second: Direction) -> float:
 )
 def test_what_is_left_is_that_of_a_regression(first: str, second: str) -> None:
     made = aircraft()
-    pair = moved(made, first), moved(made, second)
+    pair = Pair(moved(made, first), moved(made, second), file_sigmas(made))
     for known in (information.nothing(model()), more(1)):
-        found = separation.apart(model(), known, *pair)
-        assert found == pytest.approx(regressed(known, *pair), rel=1e-9)
-    asked = separation.separation(model(), (first, second), *pair)
+        found = separation.apart(model(), known, pair)
+        assert found == pytest.approx(regressed(known, pair), rel=1e-9)
+    asked = separation.separation(model(), (first, second), pair)
     start = information.nothing(model())
-    expected = 0.5 * np.log(regressed(more(1), *pair) / regressed(start, *pair))
+    expected = 0.5 * np.log(regressed(more(1), pair) / regressed(start, pair))
     assert asked.worth(model(), start, more(1)) == pytest.approx(expected)
 
 
 def test_what_is_like_itself_is_told_by_nothing() -> None:
     made = aircraft()
     mass = moved(made, "mass")
-    alone = separation.apart(model(), more(2), mass, {})
-    assert abs(separation.apart(model(), more(2), mass, mass)) < 1e-9 * alone
+    alone = separation.apart(model(), more(2), Pair(mass, {}, file_sigmas(made)))
+    both = separation.apart(model(), more(2), Pair(mass, mass, file_sigmas(made)))
+    assert abs(both) < 1e-9 * alone
+
+
+def test_what_the_file_may_have_wrong_says_nothing_of_a_cause() -> None:
+    """However much is flown, of a mass no more is known than all forces of the file say."""
+    made, much = aircraft(), {}
+    for name, fit in model().fits.items():
+        much[name] = Added(1e12 * np.diag(np.square(fit.value) ** -1.0), 1e6)
+    pair = Pair(moved(made, "mass"), {}, file_sigmas(made))
+    count = sum(len(model().fits[name].keys) for name in ("CX", "CY", "CZ"))
+    # Each derivative of the made file is known to a twentieth of itself.
+    known = separation.apart(model(), much, pair)
+    assert known == pytest.approx(count / 0.05**2, rel=1e-3)
 
 
 def test_causes_are_named_as_diagnose_has_them() -> None:
     made = aircraft()
     text = "surface_effectiveness:elevator,cg_shift"
-    asked, same = suggestion_target.separating(model(), made, text, unflown)
+    asked, same = suggestion_target.separating(stored(), made, text, unflown)
     assert same.fits.keys() == model().fits.keys()
     assert asked.words == "surface_effectiveness elevator or cg_shift"
     assert set(asked.coefficients) == {"Cm", "Cn"}
@@ -98,4 +124,4 @@ def test_causes_are_named_as_diagnose_has_them() -> None:
 )
 def test_what_cannot_be_told_apart_is_refused(text: str, says: str) -> None:
     with pytest.raises(UsageError, match=says):
-        suggestion_target.separating(model(), aircraft(), text, unflown)
+        suggestion_target.separating(stored(), aircraft(), text, unflown)

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcs_sysid.aircraft import CoefficientModel, Value
 from gcs_sysid.estimate import basis, traces
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information, separation
 from gcs_sysid.maneuvers.information import Added
 from gcs_sysid.maneuvers.widened import widened
 from gcs_sysid.offline import suggestion_target
+from gcs_sysid.offline.model_store import StoredModel
 from tests.maneuvers.made_model import aircraft, model
 
 COUNT = 500
@@ -81,15 +83,21 @@ def test_what_is_no_noise_stays_with_the_terms_that_had_it() -> None:
 def test_thrust_and_drag_come_apart_where_thrust_varies(asked: str) -> None:
     """By hand: of thrust that does not vary nothing is left beside drag."""
     values = flown(2, thrust=0.0)
-    target, wide = suggestion_target.separating(fitted(values), aircraft(), asked, lambda: values)
+    # A file that is right, so that the two are all there is.
+    exact = {
+        name: CoefficientModel({key: Value(term.value, 0.0) for key, term in each.terms.items()})
+        for name, each in aircraft().aerodynamics.items()
+    }
+    stored = StoredModel(fitted(values), replace(aircraft(), aerodynamics=exact), 0.0, [])
+    target, wide = suggestion_target.separating(stored, aircraft(), asked, lambda: values)
     assert set(target.coefficients) == {"CX"}
-    before = separation.apart(wide, information.nothing(wide), target.first, target.second)
+    before = separation.apart(wide, information.nothing(wide), target.pair)
     columns = basis.columns(wide.fits["CX"].keys, wide.controls, flown(3, thrust=0.3))
     more = {
         **information.nothing(wide),
         "CX": Added(columns.T @ columns / NOISE**2, float(COUNT)),
     }
-    after = separation.apart(wide, more, target.first, target.second)
+    after = separation.apart(wide, more, target.pair)
     assert before < 1e-3 * after
     thrust, one = columns[:, -1], np.ones(COUNT)
     # Two flights of one constant each: the first fixes the drag by its own thrust.
