@@ -101,6 +101,7 @@ class Settled:
         ended: whether nothing more was to be gained.
         left: what a further step of the parameters would gain [nat].
         skipped: rows at the beginning that count for nobody.
+        tolerated: what a search that has not ended may leave to gain [nat].
     """
 
     values: Float[np.ndarray, " parameter"]
@@ -111,6 +112,7 @@ class Settled:
     ended: bool
     left: float = 0.0
     skipped: int = 0
+    tolerated: float = QUIET
 
     @property
     def apart(self) -> Bool[np.ndarray, " sample"]:
@@ -121,7 +123,7 @@ class Settled:
     def restless(self) -> bool:
         """Whether the search ended far from its end: what it says of parameters is no number."""
         # A filter that lost the aircraft leaves what is no number.
-        return not self.ended and not self.left <= QUIET
+        return not self.ended and not self.left <= self.tolerated
 
 
 def settle(

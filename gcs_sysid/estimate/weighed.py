@@ -40,6 +40,10 @@ FAR = 200.0
 are half a minute's work."""
 NEAR = 30.0
 """Where a step promises less, the search has ended, and no instruments are made anew [nat]."""
+MOST_DOUBT = 4.0
+"""Where scores and likelihood disagree by more than two deviations of each unknown, on average, the
+flight is no flight of this model, and says nothing of it (see `Weighed.doubt`). By chance alone the
+scores at the truth promise half a nat an unknown."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
 SHARES = (1.0, 0.3, 0.1)
@@ -172,6 +176,7 @@ def climbed(
     settled = Settled(
         *(here.values, here.log_noise, done, counts, tuple(history), left < NEAR, left),
         skipped=skipped,
+        tolerated=0.5 * MOST_DOUBT * search.count,
     )
     doubt = max(2.0 * left / search.count, 1.0)
     return Weighed(settled, *search.told(used, here, settled), used, doubt)

@@ -14,7 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.diagnose.aided import beliefs, gain, quantities, unknowns, unlisted
+from gcs_sysid.diagnose.aided import (
+    beliefs,
+    gain,
+    other_names,
+    quantities,
+    unknowns,
+    unlisted,
+)
 from gcs_sysid.diagnose.aided.quantities import MISSING, Flown, Quantities
 from gcs_sysid.diagnose.aided.ranking import likeliest_accuracy
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
@@ -242,6 +249,12 @@ class Question:
         """
         each, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
+            begun = [] if moved is None else [self.listed.in_flight(number, moved)]
+            alike = [
+                other_names.gathered(causes, place, self.listed, number)
+                for place in (*begun, start[number].values - own.mean)
+            ]
+            begun += [place for place in alike if place is not None]
             each.append(
                 settled.weigh(
                     self.model,
@@ -250,7 +263,7 @@ class Question:
                     start[number],
                     relations[number],
                     _about(telling, number),
-                    moved=None if moved is None else self.listed.in_flight(number, moved),
+                    moved=begun,
                     asked=None if near is None else near.each[number].asked,
                     sets=sets,
                 )

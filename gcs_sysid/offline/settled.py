@@ -202,7 +202,7 @@ def weigh(
     by: Relation,
     progress: Callable[[str], None],
     *,
-    moved: Float[np.ndarray, " parameter"] | None = None,
+    moved: Sequence[Float[np.ndarray, " parameter"]] = (),
     asked: Instruments | None = None,
     sets: int = weighed.SETS,
 ) -> Weighed:
@@ -215,13 +215,14 @@ def weigh(
         start: where it was settled before.
         by: how errors of the unknowns move its scores.
         progress: told what is being done.
-        moved: departures from the beliefs' mean to begin with; None to begin where it was.
+        moved: departures from the beliefs' mean to begin with beside where it was, where anything
+            can tell which is likelier.
         asked: instruments of the flight at another point nearby, where they are known.
         sets: times that instruments are used at most.
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
-    begun = [] if moved is None else [before.mean + moved]
-    if moved is None or fitted.any():
+    begun = [before.mean + one for one in moved]
+    if not begun or fitted.any():
         # Where it was before may be nearer than what linear evidence foretells.
         begun.append(start.values)
     first = [settling.at(replace(start, values=values), subject.first.means) for values in begun]

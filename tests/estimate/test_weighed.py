@@ -75,6 +75,9 @@ def posterior(found: Weighed) -> tuple[np.ndarray, np.ndarray]:
 def test_it_ends_where_flight_and_beliefs_balance(ended) -> None:
     assert ended.settled.ended
     assert ended.settled.left < weighed.ENOUGH
+    # Two deviations of each unknown, squared and halved.
+    unknowns = DERIVATIVES.sum() + 3
+    assert ended.settled.tolerated == pytest.approx(2.0 * unknowns)
     assert np.all(np.diff(ended.settled.log_likelihood) > -5.0)
     mean, deviation = posterior(ended)
     # Nothing is left to move by, and the truth is within what is said.

@@ -3,6 +3,10 @@
 An airspeed that lags and one that is late leave nearly the same trace at held gains. Where flights
 settled with the one, linear evidence goes on preferring it, though with the other they may be
 hundreds of nats more probable: which it is, is told by settling with either.
+
+A search that shares the effect between the one and the ordinary error of the other finds no way
+out: from a lag of 0.13 s and 0.07 s of delay to the 0.23 s of lag that were there, the likelihood
+rises by 86 nats, but not at once. Searches may begin with all of it under one name as well.
 """
 
 from __future__ import annotations
@@ -53,6 +57,39 @@ def renamed(
                 swapped = tuple(others[0] if each is one else each for each in causes)
                 moved = _handed_on(*mine, *others[0].frees, values, unknowns)
                 return Renamed(swapped, others[0], moved)
+    return None
+
+
+def gathered(
+    causes: Sequence[Candidate],
+    moved: Float[np.ndarray, " parameter"],
+    unknowns: Unknowns,
+    number: int,
+) -> Float[np.ndarray, " parameter"] | None:
+    """Departures of a flight's parameters with all of an effect under the name that is free.
+
+    None where the other name has no part in it.
+
+    Args:
+        causes: what is set free.
+        moved: departures.
+        unknowns: all, and which quantities are two names for one thing.
+        number: of the flight.
+    """
+    for one in causes:
+        for pair in unknowns.either:
+            mine = pair & set(one.frees)
+            if not mine:
+                continue
+            here, there = (
+                unknowns.directions[
+                    unknowns.own[number], unknowns.names.index(name) - unknowns.parameters
+                ]
+                for name in (*mine, *(pair - mine))
+            )
+            share = float(there @ moved) / float(there @ there)
+            if share:
+                return moved + share * (here - there)
     return None
 
 
