@@ -220,8 +220,8 @@ class _Search:
 
     @property
     def count(self) -> int:
-        """Number of unknowns."""
-        return self._both.shape[0]
+        """Number of unknowns that beliefs do not hold."""
+        return self._both.shape[1]
 
     def unknowns(self, point: Point) -> Unknowns:
         """Of a point."""
