@@ -50,28 +50,31 @@ class Separation(Target):
 
     Attributes:
         pair: of causes.
+        unit: of the first one's size.
     """
 
     pair: Pair
+    unit: str
 
     def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
         """Of the size of the first, see the module."""
         return (1.0 / max(apart(model, known, self.pair), 1e-300),)
 
 
-def separation(model: AeroModel, names: tuple[str, str], pair: Pair) -> Separation:
+def separation(model: AeroModel, words: str, pair: Pair, unit: str = "1") -> Separation:
     """The question which of two causes it is.
 
     Args:
         model: identified so far.
-        names: of the causes, for people.
-        pair: the causes.
+        words: the causes, for people.
+        pair: likewise.
+        unit: of the first one's size.
     """
     moved = {name for name, _ in (*pair.first, *pair.second)}
     questions: Mapping[str, tuple[Float[np.ndarray, "term term"], ...]] = {
         name: () for name in model.fits if name in moved
     }
-    return Separation(questions, f"{names[0]} or {names[1]}", {}, pair)
+    return Separation(questions, words, {}, pair, unit)
 
 
 def apart(model: AeroModel, known: Knowledge, pair: Pair) -> float:

@@ -324,7 +324,10 @@ def _separated(model: AeroModel, plan: Sortie, target: Target) -> dict[str, Any]
     before, after = (
         separation.apart(model, one, target.pair) ** -0.5 for one in (known[0], known[-1])
     )
-    return {"causes": target.words, "sd_before": before, "sd_after": after}
+    return {
+        **{"causes": target.words, "unit": target.unit},
+        **{"sd_before": before, "sd_after": after},
+    }
 
 
 def _listed(

@@ -133,7 +133,7 @@ def separating(
             f"--separate {asked}: they move the coefficients alike, so that no maneuver tells them "
             "apart; weigh, swing or measure one of them on the ground"
         )
-    return separation(model, (one.label, other.label), pair), model
+    return separation(model, f"{one.label} or {other.label}", pair, one.unit), model
 
 
 def _further(model: AeroModel, pair: Sequence[Suspect]) -> dict[str, tuple[str, ...]]:

@@ -119,12 +119,14 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     found.append(Finding("Least sure", f"{_unsure(summary)}."))
     if summary.get("separate"):
         told = summary["separate"]
-        before, after = (number(told[f"sd_{when}"], 2) for when in ("before", "after"))
+        unit = "" if told["unit"] == "1" else f" {told['unit']}"
+        before, after = (f"{number(told[f'sd_{when}'], 2)}{unit}" for when in ("before", "after"))
         found.append(
             Finding(
                 "Separates",
                 f"{told['causes']}: the size of the first, were the second at work as well, is "
-                f"known to {before} now and to {after} after the sortie (sd).",
+                f"known to {before} now and to {after} after the sortie (sd by noise and by "
+                "what the file may have wrong within its sigmas).",
             )
         )
     for item in listed[:4]:

@@ -315,7 +315,7 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
     which = {one.label: one.moves for one in suspects(at.aircraft)}
     names = ("surface_effectiveness elevator", "inertia Iyy")
     pair = Pair(which[names[0]], which[names[1]], file_sigmas(at.aircraft))
-    asked = separation.separation(model(), names, pair)
+    asked = separation.separation(model(), " or ".join(names), pair)
     start, items = information.nothing(model()), list(planned.values())
 
     def told(item: Maneuver) -> float:

@@ -75,7 +75,7 @@ def test_what_is_left_is_that_of_a_regression(first: str, second: str) -> None:
     for known in (information.nothing(model()), more(1)):
         found = separation.apart(model(), known, pair)
         assert found == pytest.approx(regressed(known, pair), rel=1e-9)
-    asked = separation.separation(model(), (first, second), pair)
+    asked = separation.separation(model(), f"{first} or {second}", pair)
     start = information.nothing(model())
     expected = 0.5 * np.log(regressed(more(1), pair) / regressed(start, pair))
     assert asked.worth(model(), start, more(1)) == pytest.approx(expected)

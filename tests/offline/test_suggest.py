@@ -133,6 +133,7 @@ def test_two_causes_are_told_apart_by_what_is_planned(tmp_path, monkeypatch) -> 
     assert document["maneuvers"][0]["target"]["coefficients"] == ["Cm"]
     told = document["separate"]
     assert told["causes"] == "surface_effectiveness elevator or inertia Iyy"
+    assert told["unit"] == "1"
     assert told["sd_after"] < 0.8 * told["sd_before"]
     assert "Separates" in {item.topic for item in findings(document)}
 
