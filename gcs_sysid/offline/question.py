@@ -249,12 +249,11 @@ class Question:
         """
         each, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
-            begun = [] if moved is None else [self.listed.in_flight(number, moved)]
-            alike = [
-                other_names.gathered(causes, place, self.listed, number)
-                for place in (*begun, start[number].values - own.mean)
-            ]
-            begun += [place for place in alike if place is not None]
+            begun = [start[number].values - own.mean]
+            if moved is not None:
+                foretold = self.listed.in_flight(number, moved)
+                # Where it was before may be nearer than what linear evidence foretells.
+                begun = [foretold, *begun] if one.fitted.any() else [foretold]
             each.append(
                 settled.weigh(
                     self.model,
@@ -263,7 +262,10 @@ class Question:
                     start[number],
                     relations[number],
                     _about(telling, number),
-                    moved=begun,
+                    first=[
+                        own.mean + other_names.gathered(causes, place, listed, number)
+                        for place in begun
+                    ],
                     asked=None if near is None else near.each[number].asked,
                     sets=sets,
                 )
@@ -397,13 +399,14 @@ def wherever(causes: Sequence[Candidate], every: Sequence[Candidate]) -> tuple[C
 
 
 def with_free(own: Beliefs, listed: Unknowns, number: int, causes: Sequence[Candidate]) -> Beliefs:
-    """Beliefs about a flight with causes set free.
+    """Beliefs about a flight with causes set free, and what goes by another name for one held.
 
     What is ordinarily off in servos and the like is weighed, and not looked for: to first order.
     """
     places = listed.own[number]
     sigma, mean = listed.freed(causes)
-    ordinary = np.diag(sigma[places] ** 2)
+    held = other_names.unnamed(causes, listed, number)
+    ordinary = np.diag(np.where(held, 0.0, sigma[places]) ** 2)
     quantities_free = listed.alone(causes, sigma)[listed.parameters :]
     along = listed.directions[places] * quantities_free
     centre = own.mean + listed.directions[places] @ mean[listed.parameters :]

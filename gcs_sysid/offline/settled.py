@@ -202,7 +202,7 @@ def weigh(
     by: Relation,
     progress: Callable[[str], None],
     *,
-    moved: Sequence[Float[np.ndarray, " parameter"]] = (),
+    first: Sequence[Float[np.ndarray, " parameter"]],
     asked: Instruments | None = None,
     sets: int = weighed.SETS,
 ) -> Weighed:
@@ -212,21 +212,16 @@ def weigh(
         model: the aircraft.
         subject: the flight.
         before: beliefs about it.
-        start: where it was settled before.
+        start: where it was settled before, of which the intensities are taken.
         by: how errors of the unknowns move its scores.
         progress: told what is being done.
-        moved: departures from the beliefs' mean to begin with beside where it was, where anything
-            can tell which is likelier.
+        first: parameters to begin with; the likeliest are taken.
         asked: instruments of the flight at another point nearby, where they are known.
         sets: times that instruments are used at most.
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
-    begun = [before.mean + one for one in moved]
-    if not begun or fitted.any():
-        # Where it was before may be nearer than what linear evidence foretells.
-        begun.append(start.values)
-    first = [settling.at(replace(start, values=values), subject.first.means) for values in begun]
-    return weighed.climbed(model, rows, first, before, fitted, by, progress, asked, sets=sets)
+    begun = [settling.at(replace(start, values=values), subject.first.means) for values in first]
+    return weighed.climbed(model, rows, begun, before, fitted, by, progress, asked, sets=sets)
 
 
 def rested(subject: Subject, done: Settled) -> None:

@@ -4,18 +4,18 @@ An airspeed that lags and one that is late leave nearly the same trace at held g
 settled with the one, linear evidence goes on preferring it, though with the other they may be
 hundreds of nats more probable: which it is, is told by settling with either.
 
-A search that shares the effect between the one and the ordinary error of the other finds no way
-out: from a lag of 0.13 s and 0.07 s of delay to the 0.23 s of lag that were there, the likelihood
-rises by 86 nats, but not at once. Searches may begin with all of it under one name as well.
+Nor is the one free while flights are settled with the other, not even by its ordinary error. A
+search that shares the effect between them finds no way out: from a lag of 0.13 s and 0.07 s of
+delay to the 0.23 s of lag that were there, the likelihood rises by 86 nats, but not at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
@@ -65,10 +65,8 @@ def gathered(
     moved: Float[np.ndarray, " parameter"],
     unknowns: Unknowns,
     number: int,
-) -> Float[np.ndarray, " parameter"] | None:
+) -> Float[np.ndarray, " parameter"]:
     """Departures of a flight's parameters with all of an effect under the name that is free.
-
-    None where the other name has no part in it.
 
     Args:
         causes: what is set free.
@@ -76,21 +74,34 @@ def gathered(
         unknowns: all, and which quantities are two names for one thing.
         number: of the flight.
     """
+    for here, there in _sides(causes, unknowns, number):
+        share = float(there @ moved) / float(there @ there)
+        moved = moved + share * (here - there)
+    return moved
+
+
+def unnamed(
+    causes: Sequence[Candidate], unknowns: Unknowns, number: int
+) -> Bool[np.ndarray, " parameter"]:
+    """Parameters of a flight that are an effect under the name that is not free."""
+    found = np.zeros(unknowns.own[number].size, dtype=bool)
+    for here, there in _sides(causes, unknowns, number):
+        found |= (there != 0.0) & (here == 0.0)
+    return found
+
+
+def _sides(
+    causes: Sequence[Candidate], unknowns: Unknowns, number: int
+) -> Iterator[tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " parameter"]]]:
+    """What one of each quantity of two names does in a flight: by the free name, by the other."""
     for one in causes:
         for pair in unknowns.either:
             mine = pair & set(one.frees)
-            if not mine:
-                continue
-            here, there = (
-                unknowns.directions[
-                    unknowns.own[number], unknowns.names.index(name) - unknowns.parameters
-                ]
-                for name in (*mine, *(pair - mine))
-            )
-            share = float(there @ moved) / float(there @ there)
-            if share:
-                return moved + share * (here - there)
-    return None
+            if mine:
+                columns = [unknowns.names.index(name) for name in (*mine, *(pair - mine))]
+                across = unknowns.directions[unknowns.own[number]]
+                here, there = (across[:, column - unknowns.parameters] for column in columns)
+                yield here, there
 
 
 def _handed_on(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.other_names import gathered, renamed
+from gcs_sysid.diagnose.aided.other_names import gathered, renamed, unnamed
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 
@@ -56,17 +56,22 @@ def test_and_the_other_way_round() -> None:
 
 
 def test_all_of_an_effect_goes_under_the_name_that_is_free() -> None:
-    """Mass stays; a lag that was shared with an ordinary delay has all of it, or the other way."""
+    """Mass stays; a lag that was shared with an ordinary delay has all of it, or the other way.
+
+    The other name is not free then.
+    """
     every = listed()
     moved = np.array([0.3, 0.13, 0.07])
     np.testing.assert_allclose(gathered((MASS, LAG), moved, every, 0), [0.3, 0.2, 0.0])
     np.testing.assert_allclose(gathered((LATE,), moved, every, 0), [0.3, 0.0, 0.2])
+    np.testing.assert_array_equal(unnamed((MASS, LAG), every, 0), [False, False, True])
+    np.testing.assert_array_equal(unnamed((LATE,), every, 0), [False, True, False])
 
 
 def test_nothing_is_gathered_where_nothing_goes_by_another_name() -> None:
-    every = listed()
-    assert gathered((MASS,), np.array([0.3, 0.13, 0.07]), every, 0) is None
-    assert gathered((LAG,), np.array([0.3, 0.13, 0.0]), every, 0) is None
+    every, moved = listed(), np.array([0.3, 0.13, 0.07])
+    np.testing.assert_array_equal(gathered((MASS,), moved, every, 0), moved)
+    assert not unnamed((MASS,), every, 0).any()
 
 
 def test_what_has_one_name_only_has_no_other() -> None:
