@@ -155,6 +155,7 @@ def climbed(
         before, shorter = search.density(here), 0
         if counts.any():
             here = search.farther(used, here)
+            history.append(here.log_likelihood)
         for step in range(STEPS if counts.any() else 0):
             inner, slope = search.quadratic(used, here)
             left = search.promised(inner, slope)
