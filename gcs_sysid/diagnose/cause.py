@@ -69,11 +69,19 @@ class Cause:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cause, what it is about, and where it is tried."""
+    """A cause, what it is about, and where it is tried.
+
+    Attributes:
+        cause: which.
+        about: control, stream or derivative; empty where there is none.
+        at: place where it is tried.
+        also: controls of which the same could be said, since the same servos move them.
+    """
 
     cause: Cause
     about: str = ""
     at: float | None = None
+    also: tuple[str, ...] = ()
 
     @property
     def frees(self) -> tuple[str, ...]:

@@ -52,6 +52,12 @@ def changed(aircraft: Aircraft, control: str, change: Change) -> Aircraft:
     return replace(aircraft, servos=servos)
 
 
+def together(aircraft: Aircraft, control: str) -> tuple[str, ...]:
+    """Controls that the same servos move, such as both of two elevons; itself among them."""
+    own = shares(aircraft, control).keys()
+    return tuple(name for name in aircraft.control_names if shares(aircraft, name).keys() == own)
+
+
 def shares(aircraft: Aircraft, control: str) -> dict[str, float]:
     """How far each surface moves for one radian of a control, surfaces that stay left out."""
     surfaces = sorted({name for item in aircraft.controls for name in item.mix})

@@ -72,7 +72,10 @@ def _explained(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
     first = estimates[0]
     values = {estimate.name: estimate.value for estimate in estimates}
     change = 100.0 * (first.value - first.nominal)
-    return candidate.cause.explanation.format(**values, change=change, about=candidate.about)
+    about = candidate.about
+    if candidate.also:
+        about = f"{about} (and the {' and the '.join(candidate.also)}, by the same servos)"
+    return candidate.cause.explanation.format(**values, change=change, about=about)
 
 
 def _separating(answer: Verdict) -> str | None:
@@ -136,6 +139,8 @@ def _ranked(item: Ranked) -> dict[str, Any]:
             }
             if candidate.about:
                 entry[candidate.cause.about] = candidate.about
+            if candidate.also:
+                entry["same_servos"] = list(candidate.also)
             name = estimate.name
             parameters[name if name not in parameters else f"{name} {candidate.label}"] = entry
     return {

@@ -138,12 +138,15 @@ def _speaks_of(draw: Draw, entry: Mapping[str, Any]) -> bool:
     """Whether an entry is about what the effects are about, as far as it says so."""
     for effect in draw.effects:
         for key in _NAMES:
-            stated = {
-                str(one[key]) for one in _found(effect, entry) if key in one and key in effect
-            }
-            if stated and str(effect[key]) not in stated:
+            every = [_stated(one, key) for one in _found(effect, entry) if key in one]
+            if key in effect and every and str(effect[key]) not in set().union(*every):
                 return False
     return True
+
+
+def _stated(one: Mapping[str, Any], key: str) -> set[str]:
+    """What a parameter is about: of a servo that two controls share, it is said of one of them."""
+    return {str(one[key]), *one.get("same_servos", ())}
 
 
 def _found(effect: Mapping[str, Any], entry: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -192,7 +195,7 @@ def _estimate(
     effect: Mapping[str, Any], name: str, entry: Mapping[str, Any]
 ) -> Mapping[str, Any] | None:
     for key, one in entry.get("parameters", {}).items():
-        about = all(key not in one or str(one[key]) == str(effect.get(key)) for key in _NAMES)
+        about = all(key not in one or str(effect.get(key)) in _stated(one, key) for key in _NAMES)
         if key.split(" ")[0] == name and about:
             return one
     return None

@@ -113,6 +113,14 @@ def test_the_wrong_control_is_wrong():
     assert given.sizes[0].inside
 
 
+def test_a_control_by_the_same_servos_is_the_right_one():
+    told = {**found(0.2, 0.01, control="aileron"), "same_servos": ["elevator"]}
+    about = [entry("actuator_lag", time_constant=told)]
+    given = score(hides(LAG), says("effect", "actuator_lag", ranking=about))
+    assert given.alone
+    assert given.sizes[0].inside
+
+
 def test_of_two_controls_the_size_is_that_of_the_one_hidden():
     parameters = {
         "time_constant": found(0.5, 0.01, control="aileron"),

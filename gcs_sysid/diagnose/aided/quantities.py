@@ -205,6 +205,8 @@ def build(
             f"aerodynamics.{coefficient}.{key}": value for coefficient, key, value in own
         }
         found[f"aeroelastic.{control}"] = _aeroelastic(terms, own, flown.qbar)
+        same = servo_changes.together(aircraft, control)
+        rate = max(flown.rates[name] for name in same)
         lag, play = (
             max(known.get(f"{kind}.{control}", usual), LEAST * usual)
             for kind, usual in SERVO.items()
@@ -214,7 +216,7 @@ def build(
             "backlash": (servo_changes.backlash(play), play),
             **{
                 f"rate_limit.{{}}.{share:.4g}": (
-                    servo_changes.rate_limit(share * max(flown.rates[control], 1e-3)),
+                    servo_changes.rate_limit(share * max(rate, 1e-3)),
                     1.0,
                 )
                 for share in actuator_rate_limit.CAUSE.places
@@ -222,8 +224,11 @@ def build(
         }
         for kind, (change, size) in kinds.items():
             name = kind.format(control) if "{}" in kind else f"{kind}.{control}"
-            found[name] = {f"departures.actuators.{len(servos)}": 1.0}
-            servos.append((servo_changes.changed(aircraft, control, change), size))
+            found[name] = {}
+            # What servos do that two controls share is told of the first.
+            if control == same[0]:
+                found[name] = {f"departures.actuators.{len(servos)}": 1.0}
+                servos.append((servo_changes.changed(aircraft, control, change), size))
     for coefficient, model in aircraft.aerodynamics.items():
         for key, item in model.terms.items():
             if key != regressors.CONSTANT and item.value != 0.0:
@@ -420,15 +425,22 @@ def _ground(terms: _Terms) -> dict[str, Direction]:
 
 def candidates(causes: Mapping[str, Cause], found: Quantities) -> tuple[Candidate, ...]:
     """Every cause that these quantities give sense to, once for all that it may be about."""
+
+    def there(candidate: Candidate) -> bool:
+        return any(any(found.directions[name].values()) for name in candidate.frees)
+
     listed = []
     for cause in causes.values():
         if cause.needs and cause.needs not in found.has:
             continue
         for about, places in _abouts(cause, found).items():
+            same = ()
+            if cause.about == "control":
+                same = servo_changes.together(found.aircraft, about)
             for at in places:
-                candidate = Candidate(cause, about, at)
-                if any(any(found.directions[name].values()) for name in candidate.frees):
-                    listed.append(candidate)
+                if there(Candidate(cause, about, at)):
+                    also = [one for one in same if not there(Candidate(cause, one, at))]
+                    listed.append(Candidate(cause, about, at, tuple(also)))
     return tuple(listed)
 
 

@@ -406,3 +406,19 @@ def test_where_the_file_is_right_about_what_bends_is_left_open(aircraft) -> None
     control = aircraft.control_names[0]
     bent = Candidate(CAUSES["aeroelastic"], control)
     assert bent.frees == (f"aeroelastic.{control}", f"effectiveness.{control}")
+
+
+def test_what_servos_do_that_two_controls_share_is_told_of_one() -> None:
+    """Both elevons play or none: no flight tells an elevator that lags from an aileron that does."""
+    wing = aircraft_file.load(DATA / "brumby_mk3.toml")
+    assert servo_changes.together(wing, "aileron") == ("elevator", "aileron")
+    assert servo_changes.together(wing, "rudder") == ("rudder",)
+    found = built(wing)
+    listed = quantities.candidates(CAUSES, found)
+    for cause in ("actuator_lag", "actuator_backlash", "actuator_rate_limit"):
+        told = {one.about: one.also for one in listed if one.cause.name == cause}
+        assert told == {"elevator": ("aileron",), "rudder": ()}
+    weak = {one.about: one.also for one in listed if one.cause.name == "surface_effectiveness"}
+    assert weak == {"elevator": (), "aileron": (), "rudder": ()}
+    plain = quantities.candidates(CAUSES, built(aircraft_file.load(DATA / "ultra_stick_25e.toml")))
+    assert not any(one.also for one in plain)
