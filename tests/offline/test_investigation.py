@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
+from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.estimate.settling import Settled
+from gcs_sysid.estimate.weighed import Weighed
 from gcs_sysid.offline import investigation
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.offline.question import Answer, Trial
@@ -61,3 +66,58 @@ def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) ->
     first, second = kept
     assert first[0].names == ("cg_shift",)
     assert set(second[0].names) == {"mass", "cg_shift"}
+
+
+class Restless(Question):
+    """One favourite whose search ends as it is told, with accuracies that it was asked at."""
+
+    def __init__(self, *ends: tuple[float, bool]) -> None:
+        super().__init__()
+        self.ends, self.accuracies = list(ends), list[float]()
+
+    def tried(self, _telling, asked, _relations, _every, accuracy: float) -> list[Answer]:
+        if not self.ends:
+            raise KeyboardInterrupt
+        likelihood, ended = self.ends.pop(0)
+        self.accuracies.append(accuracy)
+        done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=ended)
+        information = told({"mass": 0.12})
+        (one,) = asked
+        weighed = Mock(spec=Weighed, settled=done)
+        return [Answer(one.causes, [weighed], information, information)]
+
+    def missing(self, standing: Answer) -> None:
+        """Here the search is over."""
+        raise Over(standing)
+
+
+class Over(Exception):  # noqa: N818 - no error
+    """What stands when all trials are done."""
+
+
+@pytest.mark.parametrize(
+    ("ends", "accuracies", "stands"),
+    [
+        # A search that came to rest is not done again.
+        ([(0.0, True)], [1.0], 0.0),
+        # Where it did not, the file is taken as right, unless that is far less likely or rests no
+        # more.
+        ([(0.0, False), (-50.0, True)], [1.0, investigation.RIGHT], -50.0),
+        ([(0.0, False), (-150.0, True)], [1.0, investigation.RIGHT], 0.0),
+        ([(0.0, False), (20.0, False)], [1.0, investigation.RIGHT], 0.0),
+    ],
+)
+def test_without_rest_the_file_is_tried_as_right(
+    monkeypatch, ends: list[tuple[float, bool]], accuracies: list[float], stands: float
+) -> None:
+    question = Restless(*ends)
+    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0))
+    monkeypatch.setattr(
+        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
+    )
+    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    unread = Flight.__new__(Flight)
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (unread,), (True,), (), lambda _text, _share: None)
+    assert question.accuracies == accuracies
+    assert over.value.args[0].log_likelihood == stands

@@ -409,7 +409,7 @@ def test_where_the_file_is_right_about_what_bends_is_left_open(aircraft) -> None
 
 
 def test_what_servos_do_that_two_controls_share_is_told_of_one() -> None:
-    """Both elevons play or none: no flight tells an elevator that lags from an aileron that does."""
+    """Both elevons play or none: no flight tells the elevator's lag from the aileron's."""
     wing = aircraft_file.load(DATA / "brumby_mk3.toml")
     assert servo_changes.together(wing, "aileron") == ("elevator", "aileron")
     assert servo_changes.together(wing, "rudder") == ("rudder",)
