@@ -100,8 +100,10 @@ def _perhaps(ranked: Sequence[Ranked], named: Ranked) -> dict[Candidate, float]:
     return {candidate: share for candidate, share in listed if share >= MENTIONED}
 
 
-def sustained(answer: Verdict, gained: float) -> Verdict:
+def sustained(answer: Verdict, gained: float, against: float = 0.0) -> Verdict:
     """The verdict, unless it accuses and what took no part is foretold no better for it.
+
+    Nor where what took no part speaks against it by as much as it would take to be named.
 
     Something that no cause here stands for is explained by those there are only where it was
     fitted.
@@ -110,8 +112,10 @@ def sustained(answer: Verdict, gained: float) -> Verdict:
         answer: as the ranking has it.
         gained: log predictive density that the causes gain on what took no part; nan where
             nothing took none.
+        against: evidence of what took no part against the causes [nat]; likewise.
     """
-    if answer.answer not in ("effect", "ambiguous") or not gained <= 0.0:
+    refused = gained <= 0.0 or against >= NAMED
+    if answer.answer not in ("effect", "ambiguous") or not refused:
         return answer
     return replace(answer, answer="insufficient_data", indistinguishable=())
 

@@ -211,6 +211,15 @@ def _power(one: Power) -> dict[str, Any]:
     return {"named_from": one.named, "alone_from": one.alone, "rival": rival}
 
 
+def dropped(best: Ranked) -> list[str]:
+    """What would explain the flights and is not named."""
+    labels = " and ".join(one.label for one in best.causes)
+    return [
+        f"{labels} would explain what was fitted ({best.log_bayes_factor:.1f} nat), but what took "
+        "no part is foretold no better with it, and so it is not named"
+    ]
+
+
 def incredible(farthest: float) -> list[str]:
     """A warning where the likeliest cause has a size that nobody would believe.
 

@@ -64,7 +64,9 @@ def diagnosed(
     best = answer.best
     alike = [one for each in answer.indistinguishable for one in each.causes]
     gained = found.gained(best.causes, alike)
-    answer = verdict.sustained(answer, gained)
+    judged = answer
+    answer = verdict.sustained(answer, gained, found.against(best.causes, alike))
+    dropped = best if answer is not judged else None
     farthest = max(found.unknowns.farthest(best.causes, best.posterior.mean), found.farthest)
     answer = verdict.credible(answer, farthest)
     strained = verdict.strained(found.unknowns.names, found.unknowns.as_accurate(1.0).of_file, best)
@@ -116,6 +118,7 @@ def diagnosed(
             *departed.paid(gains["channels"]),
             *entries.strained(strained),
             *([] if missing is not None else entries.incredible(farthest)),
+            *([] if missing is not None or dropped is None else entries.dropped(dropped)),
         ],
     }
     return document, table, better

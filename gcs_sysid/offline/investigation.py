@@ -88,11 +88,12 @@ class Investigation:
         return self.unknowns.as_accurate(self.ranked[0].accuracy)
 
     def gained(self, causes: Sequence[Candidate], alike: Sequence[Candidate]) -> float:
-        """Log predictive density per measurement that causes gain on what took no part.
-
-        Over the file as it is in what they and those that explain as much are about.
-        """
+        """Log predictive density per measurement that causes gain on what took no part."""
         return gain.gained(self.information, self.apart, self.believed, causes, alike)
+
+    def against(self, causes: Sequence[Candidate], alike: Sequence[Candidate]) -> float:
+        """By how much what took no part speaks against causes [nat]."""
+        return gain.against(self.information, self.apart, self.believed, causes, alike)
 
     def gained_deviation(self, corrections: Mapping[str, tuple[float, float]]) -> float:
         """One sigma of what corrections gain, per measurement; nan where nothing took no part."""
@@ -107,11 +108,8 @@ class Investigation:
         return float(np.sqrt(variance)) / count if count else float(np.nan)
 
     def as_it_is(self, causes: Sequence[Candidate]) -> float:
-        """Log predictive density per measurement of what took no part.
-
-        With the file as it is in what these causes are about.
-        """
-        held = self.believed.as_it_is(causes)
+        """Log predictive density per measurement of what took no part, with the file as it is."""
+        held = self.believed.as_accurate(0.0).as_it_is(causes)
         total = gain.foretold(self.information, self.apart, held, ())
         return total / max(self.apart.count, 1.0)
 
@@ -195,7 +193,7 @@ def investigate(
         tested |= {frozenset(one.causes) for one in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
         lost = standing.log_likelihood - trial.log_likelihood
-        if again and (lost > REFUTED or not trial.ended):
+        if again and (lost > REFUTED or trial.left >= standing.left):
             break
         off = listed.farthest(trial.causes, _found(listed, trial, accuracy))
         if off >= INCREDIBLE:

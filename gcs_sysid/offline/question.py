@@ -144,6 +144,11 @@ class Answer:
         return sum((one.log_likelihood[-1] for one in self.settled), 0.0)
 
     @property
+    def left(self) -> float:
+        """What steps would still gain [nat]."""
+        return sum((one.left for one in self.settled), 0.0)
+
+    @property
     def ended(self) -> bool:
         """Whether every flight came to rest."""
         return all(one.ended for one in self.settled)

@@ -69,18 +69,21 @@ def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) ->
 
 
 class Restless(Question):
-    """One favourite whose search ends as it is told, with accuracies that it was asked at."""
+    """One favourite whose search ends as it is told, with accuracies that it was asked at.
 
-    def __init__(self, *ends: tuple[float, bool]) -> None:
+    Ends are log-likelihoods and what is left to gain.
+    """
+
+    def __init__(self, *ends: tuple[float, float]) -> None:
         super().__init__()
         self.ends, self.accuracies = list(ends), list[float]()
 
     def tried(self, _telling, asked, _relations, _every, accuracy: float) -> list[Answer]:
         if not self.ends:
             raise KeyboardInterrupt
-        likelihood, ended = self.ends.pop(0)
+        likelihood, left = self.ends.pop(0)
         self.accuracies.append(accuracy)
-        done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=ended)
+        done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
         information = told({"mass": 0.12})
         (one,) = asked
         weighed = Mock(spec=Weighed, settled=done)
@@ -99,16 +102,17 @@ class Over(Exception):  # noqa: N818 - no error
     ("ends", "accuracies", "stands"),
     [
         # A search that came to rest is not done again.
-        ([(0.0, True)], [1.0], 0.0),
-        # Where it did not, the file is taken as right, unless that is far less likely or rests no
-        # more.
-        ([(0.0, False), (-50.0, True)], [1.0, investigation.RIGHT], -50.0),
-        ([(0.0, False), (-150.0, True)], [1.0, investigation.RIGHT], 0.0),
-        ([(0.0, False), (20.0, False)], [1.0, investigation.RIGHT], 0.0),
+        ([(0.0, 2.0)], [1.0], 0.0),
+        # Where it did not, the file is taken as right, unless that is far less likely or no nearer
+        # to rest.
+        ([(0.0, 70.0), (-50.0, 2.0)], [1.0, investigation.RIGHT], -50.0),
+        ([(0.0, 70.0), (20.0, 35.0)], [1.0, investigation.RIGHT], 20.0),
+        ([(0.0, 70.0), (-150.0, 2.0)], [1.0, investigation.RIGHT], 0.0),
+        ([(0.0, 70.0), (20.0, 80.0)], [1.0, investigation.RIGHT], 0.0),
     ],
 )
 def test_without_rest_the_file_is_tried_as_right(
-    monkeypatch, ends: list[tuple[float, bool]], accuracies: list[float], stands: float
+    monkeypatch, ends: list[tuple[float, float]], accuracies: list[float], stands: float
 ) -> None:
     question = Restless(*ends)
     best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0))

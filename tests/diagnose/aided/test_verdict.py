@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal, norm
 from gcs_sysid.diagnose import verdict
 from gcs_sysid.diagnose.aided import gain
 from gcs_sysid.diagnose.aided.ranking import deviations, rank
-from gcs_sysid.diagnose.evidence import Information, Posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior, information
 from gcs_sysid.diagnose.hypothesis import Ranked
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 
@@ -116,8 +116,9 @@ def test_causes_with_one_signature_cannot_be_told_apart() -> None:
 def test_an_accusation_that_foretells_nothing_better_is_dropped(alike: bool) -> None:
     answer, _ = judged(told({"mass": 0.1}, alike=alike))
     assert answer.answer == ("ambiguous" if alike else "effect")
-    assert verdict.sustained(answer, 0.01) == answer
+    assert verdict.sustained(answer, 0.01, 0.9 * verdict.NAMED) == answer
     assert verdict.sustained(answer, float("nan")) == answer
+    assert verdict.sustained(answer, 0.01, verdict.NAMED).answer == "insufficient_data"
     dropped = verdict.sustained(answer, -0.01)
     assert dropped.answer == "insufficient_data"
     assert dropped.indistinguishable == ()
@@ -155,6 +156,25 @@ def test_a_true_cause_foretells_what_took_no_part_and_a_wrong_one_does_not() -> 
     )
     nothing = Information(0.0 * apart.gram, 0.0 * apart.score, 0.0)
     assert np.isnan(gain.gained(fitted, nothing, listed(), (cg,)))
+
+
+def test_a_gain_is_over_the_file_and_not_over_what_flights_teach_of_it() -> None:
+    """Of a mass that the lift slope, which the file knows to 0.5, can stand in for."""
+    columns = 30.0 * np.random.default_rng(11).standard_normal((300, 4))
+    columns[:, 0] = columns[:, 1]
+    wide = columns @ np.concatenate([np.eye(4), listed().directions], axis=1)
+    noise = np.random.default_rng(12).standard_normal(300)
+    found, mass = information(wide, 0.12 * columns[:, 1] + noise), EVERY[:1]
+    assert abs(gain.against(found, found, listed(), mass)) < verdict.NAMED
+    assert found.count * gain.gained(found, found, listed(), mass) > 100.0
+
+
+def test_what_took_no_part_may_speak_against_a_cause() -> None:
+    """A mass that was there when the flight was fitted, and not in what took no part."""
+    mass = EVERY[:1]
+    fitted, apart = told({"mass": 0.12}), told({})
+    assert gain.against(fitted, apart, listed(), mass) > verdict.NAMED
+    assert gain.against(fitted, told({"mass": 0.12}), listed(), mass) < 0.0
 
 
 def test_what_is_foretold_is_the_density_of_what_took_no_part_given_the_rest() -> None:
