@@ -138,6 +138,11 @@ def test_two_causes_are_told_apart_by_what_is_planned(tmp_path, monkeypatch) -> 
     assert "Separates" in {item.topic for item in findings(document)}
 
 
+def test_what_the_model_has_no_term_for_needs_its_flights(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"no samples\.parquet beside it"):
+        run(saved(tmp_path), tmp_path / "out", separate="thrust_scale,drag_increase")
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_every_card_is_one_printed_page(planned, tmp_path) -> None:
     document, out = planned
