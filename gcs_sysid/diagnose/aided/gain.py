@@ -46,10 +46,7 @@ def gained(
     """
     if not apart.count:
         return float(np.nan)
-    file = unknowns.as_accurate(0.0)
-    with_causes = foretold(fitted, apart, file, causes)
-    held = file.as_it_is((*causes, *alike))
-    return (with_causes - foretold(fitted, apart, held, ())) / apart.count
+    return _won(fitted, apart, unknowns.as_accurate(0.0), causes, alike) / apart.count
 
 
 def against(
@@ -60,9 +57,20 @@ def against(
     alike: Sequence[Candidate] = (),
 ) -> float:
     """By how much what took no part speaks against causes [nat], the file as wrong as it may be."""
+    return -_won(fitted, apart, unknowns, causes, alike)
+
+
+def _won(
+    fitted: Information,
+    apart: Information,
+    unknowns: Unknowns,
+    causes: Sequence[Candidate],
+    alike: Sequence[Candidate],
+) -> float:
+    """What causes win [nat] over what they and those like them are about as the file has it."""
     held = unknowns.as_it_is((*causes, *alike))
-    without = foretold(fitted, apart, held, ())
-    return without - foretold(fitted, apart, unknowns, causes)
+    with_causes = foretold(fitted, apart, unknowns, causes)
+    return with_causes - foretold(fitted, apart, held, ())
 
 
 def scattered(
