@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, RIGHT
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
@@ -69,9 +71,9 @@ def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) ->
 
 
 class Restless(Question):
-    """One favourite whose search ends as it is told, with accuracies that it was asked at.
+    """Searches that end as they are told, with the accuracies that they were asked at.
 
-    Ends are log-likelihoods and what is left to gain.
+    Ends are log-likelihoods, and what is left to gain.
     """
 
     def __init__(self, *ends: tuple[float, float]) -> None:
@@ -84,7 +86,7 @@ class Restless(Question):
         likelihood, left = self.ends.pop(0)
         self.accuracies.append(accuracy)
         done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
-        information = told({"mass": 0.12})
+        information = replace(told({"mass": 0.12}), shared=likelihood)
         (one,) = asked
         weighed = Mock(spec=Weighed, settled=done)
         return [Answer(one.causes, [weighed], information, information)]
@@ -99,27 +101,41 @@ class Over(Exception):  # noqa: N818 - no error
 
 
 @pytest.mark.parametrize(
-    ("ends", "accuracies", "stands"),
+    ("ends", "behind", "accuracies", "stands"),
     [
-        # A search that came to rest is not done again.
-        ([(0.0, 2.0)], [1.0], 0.0),
-        # Where it did not, the file is taken as right, unless that is far less likely or no nearer
-        # to rest.
-        ([(0.0, 70.0), (-50.0, 2.0)], [1.0, investigation.RIGHT], -50.0),
-        ([(0.0, 70.0), (20.0, 35.0)], [1.0, investigation.RIGHT], 20.0),
-        ([(0.0, 70.0), (-150.0, 2.0)], [1.0, investigation.RIGHT], 0.0),
-        ([(0.0, 70.0), (20.0, 80.0)], [1.0, investigation.RIGHT], 0.0),
+        # A search that came to rest is not done again, where a file that is right cannot be.
+        ([(0.0, 2.0)], 40.0, [1.0], 0.0),
+        # If it might be, it is searched with, and stands if the flights are more probable so.
+        ([(0.0, 2.0), (12.0, 3.0)], 20.0, [1.0, RIGHT], 12.0),
+        ([(0.0, 2.0), (-12.0, 3.0)], 20.0, [1.0, RIGHT], 0.0),
+        # Without rest the file is taken as right, unless that is far less likely or no nearer to
+        # rest.
+        ([(0.0, 70.0), (-50.0, 2.0)], 40.0, [1.0, RIGHT], -50.0),
+        ([(0.0, 70.0), (20.0, 35.0)], 40.0, [1.0, RIGHT], 20.0),
+        ([(0.0, 70.0), (-150.0, 2.0)], 40.0, [1.0, RIGHT], 0.0),
+        ([(0.0, 70.0), (-20.0, 80.0)], 40.0, [1.0, RIGHT], 0.0),
     ],
 )
-def test_without_rest_the_file_is_tried_as_right(
-    monkeypatch, ends: list[tuple[float, float]], accuracies: list[float], stands: float
+def test_when_the_file_is_tried_as_right(
+    monkeypatch,
+    ends: list[tuple[float, float]],
+    behind: float,
+    accuracies: list[float],
+    stands: float,
 ) -> None:
     question = Restless(*ends)
-    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0))
+
+    def believed(accuracy: float, evidence: float) -> Ranked:
+        found = Posterior(np.zeros(7), np.eye(7), evidence)
+        return Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, accuracy)
+
+    loose, right = believed(1.0, 0.0), believed(RIGHT, np.log(ACCURACIES[1.0]) - behind)
+    right = replace(right, prior=right.prior / ACCURACIES[RIGHT])
     monkeypatch.setattr(
         investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
     )
-    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    monkeypatch.setattr(investigation, "rank", lambda *_: (loose,))
+    monkeypatch.setattr(investigation, "with_a_right_file", lambda *_: right)
     unread = Flight.__new__(Flight)
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (unread,), (True,), (), lambda _text, _share: None)

@@ -36,11 +36,13 @@ LISTED = 40
 """Sets of several causes beyond the most probable of this number are not looked at any further."""
 PAIRED = 12
 """So many of the best single causes are tried together with every other."""
-WIDENED, MOST = 6, 4
+WIDENED, MOST = 6, 6
 """So many of the best sets of each size are tried with one cause more, up to so many causes."""
 ACCURACIES = {0.05: 0.1, 0.1: 0.1, 0.25: 0.1, 0.5: 0.1, 1.0: 0.5, 2.0: 0.05, 4.0: 0.05}
 """What the file's derivatives may be off by, over the sigmas that it states, and how probable it is
 before the flights."""
+RIGHT = 0.1
+"""Share of its sigmas by which a file is off at most that is right but for what causes free."""
 BESIDES = 12.0
 """Sets are weighed without the worse accuracies that single causes favour less by so much [nat].
 The better ones stay: what a second cause takes upon itself makes the rest look better."""
@@ -155,14 +157,23 @@ def rank(
     unknowns: Unknowns,
     candidates: Sequence[Candidate],
     needed: Needed = NONE_NEEDED,
+    accuracies: Mapping[float, float] = ACCURACIES,
 ) -> tuple[Ranked, ...]:
-    """Sets of causes, the most probable first."""
-    accurate = tuple(unknowns.as_accurate(share) for share in ACCURACIES)
+    """Sets of causes, the most probable first.
+
+    Args:
+        data: of all flights.
+        unknowns: with the file's own sigmas.
+        candidates: every cause.
+        needed: causes without which flights are far less likely.
+        accuracies: what the file may be off by, and how probable that is.
+    """
+    accurate = tuple(unknowns.as_accurate(share) for share in accuracies)
     files = _Files(
         accurate,
         tuple(posterior(data, *one.freed(())) for one in accurate),
-        np.log(list(ACCURACIES.values())),
-        tuple(ACCURACIES),
+        np.log(list(accuracies.values())),
+        tuple(accuracies),
     )
     nothing = np.array([one.log_evidence for one in files.nothing])
     tried = _tried(files, candidates)
@@ -178,6 +189,26 @@ def rank(
     ]
     averaged = float(files.averaged(nothing[None])[0])
     return _weighed([_ranked(data, files, chosen, averaged) for _, chosen in listed])
+
+
+def with_a_right_file(
+    data: Information,
+    unknowns: Unknowns,
+    candidates: Sequence[Candidate],
+    needed: Needed = NONE_NEEDED,
+) -> Ranked:
+    """The most probable set of causes, were the file right in all else."""
+    good = {share: prior for share, prior in ACCURACIES.items() if share <= RIGHT}
+    return rank(data, unknowns, candidates, needed, good)[0]
+
+
+def density(data: Information, one: Ranked) -> float:
+    """How probable the flights are and a set of causes, at its own accuracy of the file [nat].
+
+    Unlike a Bayes factor it may be compared between points about which flights were weighed.
+    """
+    before = np.log(one.prior) + np.log(ACCURACIES[one.accuracy])
+    return float(data.shared + one.posterior.log_evidence + before)
 
 
 def _weighed(ranked: Sequence[Ranked]) -> tuple[Ranked, ...]:

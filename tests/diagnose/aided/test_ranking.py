@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from gcs_sysid.diagnose.aided import unknowns
-from gcs_sysid.diagnose.aided.ranking import LAG, NONE_NEEDED, Needed, likeliest_accuracy, rank
+from gcs_sysid.diagnose.aided.ranking import (
+    ACCURACIES,
+    LAG,
+    NONE_NEEDED,
+    RIGHT,
+    Needed,
+    density,
+    likeliest_accuracy,
+    rank,
+    with_a_right_file,
+)
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information
@@ -132,6 +145,39 @@ def test_as_many_causes_are_named_as_there_are(seed: int) -> None:
         there = FOUR[:count]
         best = several({quantity[name]: off[quantity[name]] for name in there}, {}, seed)[0]
         assert set(best.names) == set(there)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_file_may_be_loose_or_right_but_for_more_causes(seed: int) -> None:
+    """Derivatives off by as much as their sigmas are what a right file needs several causes for."""
+    every = listed()
+    columns = np.eye(COUNT + 1)[:COUNT] / SEEN
+    wide = columns @ np.concatenate([np.eye(COUNT + 1), every.directions], axis=1)
+    random = np.random.default_rng(300 + seed)
+    off = random.normal(0.0, STATED, COUNT)
+    data = information(wide, columns[:, :COUNT] @ (off - 0.3) + random.standard_normal(COUNT))
+    best, right = rank(data, every, EVERY)[0], with_a_right_file(data, every, EVERY)
+    assert right.accuracy <= RIGHT < best.accuracy
+    assert density(data, right) < density(data, best) - 30.0
+    # Where the rest of the file is right, both are the same.
+    data = information(wide, columns[:, :COUNT] @ np.full(COUNT, -0.3))
+    assert with_a_right_file(data, every, EVERY).causes == rank(data, every, EVERY)[0].causes
+
+
+def test_a_density_is_that_of_the_flight() -> None:
+    """By the Gaussian's own density, whatever the point about which the flight was weighed."""
+    every, random = listed(), np.random.default_rng(5)
+    columns = np.eye(COUNT + 1)[:COUNT] / SEEN
+    wide = columns @ np.concatenate([np.eye(COUNT + 1), every.directions], axis=1)
+    seen = columns[:, :COUNT] @ np.full(COUNT, -0.3) + random.standard_normal(COUNT)
+    nothing = float(multivariate_normal(np.zeros(COUNT)).logpdf(seen))
+    data = replace(information(wide, seen), shared=nothing)
+    best = rank(data, every, EVERY)[0]
+    sigma, mean = every.as_accurate(best.accuracy).freed(best.causes)
+    covariance = np.eye(COUNT) + wide * sigma**2 @ wide.T
+    expected = multivariate_normal(wide @ mean, covariance).logpdf(seen)
+    expected += np.log(best.prior * ACCURACIES[best.accuracy])
+    assert density(data, best) == pytest.approx(expected)
 
 
 def test_what_cannot_be_is_not_named() -> None:
