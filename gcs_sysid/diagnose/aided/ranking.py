@@ -55,12 +55,14 @@ class _Tried:
     Attributes:
         candidate: at that place.
         evidence: at each accuracy of the file.
-        place: mean and standard deviation.
+        place: mean and standard deviation; None where it is nowhere in particular.
+        beside: the same at the next places.
     """
 
     candidate: Candidate
     evidence: Float[np.ndarray, " accuracy"]
     place: tuple[float, float] | None
+    beside: tuple[Candidate, ...]
 
 
 @dataclass(frozen=True)
@@ -312,7 +314,10 @@ def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> R
         prior=chosen.prior,
         probability=float(np.nan),
         log_bayes_factor=float(files.averaged(chosen.evidence[None])[0]) - nothing + possible,
-        estimates=tuple(_estimates(one, moved) for one in chosen.causes),
+        estimates=tuple(
+            _estimates(one, moved, own, _by_place(data, own, chosen.causes, one, moved))
+            for one in chosen.causes
+        ),
         posterior=found,
         accuracy=files.accuracies[favoured],
     )
@@ -327,30 +332,66 @@ def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     for group in groups.values():
         evidence = np.array([files.evidence((one,)) for one in group])
         total = files.averaged(evidence)
-        place = None
+        best, place, beside = int(total.argmax()), None, ()
         if group[0].cause.where:
             places = np.array([one.at for one in group], dtype=float)
-            spacing = float(np.mean(np.diff(places))) if places.size > 1 else 0.0
+            near = slice(max(best - 1, 0), best + 2)
+            spacing = float(np.mean(np.diff(places[near]))) if places.size > 1 else 0.0
             weight = np.exp(total - total.max())
             mean = float(np.average(places, weights=weight))
             spread = float(np.average((places - mean) ** 2, weights=weight)) + spacing**2 / 12.0
-            size = files.unknowns[0].sizes[group[0].cause.where_per.format(about=group[0].about)]
-            place = (mean * size, float(np.sqrt(spread)) * size)
+            place = (mean, float(np.sqrt(spread)))
+            beside = tuple(one for one in group[near] if one is not group[best])
         together = logsumexp(evidence, axis=0) - np.log(len(group))
-        found.append(_Tried(group[int(total.argmax())], together, place))
+        found.append(_Tried(group[best], together, place, beside))
     return found
 
 
-def _estimates(one: _Tried, moved: Mapping[str, tuple[float, float]]) -> tuple[Estimate, ...]:
-    estimates = []
-    cause = one.candidate.cause
-    if one.place is not None:
-        estimates.append(Estimate(cause.where, *one.place, cause.where_unit, 0.0))
-    for name, parameter in zip(one.candidate.frees, cause.parameters, strict=True):
+def _by_place(
+    data: Information,
+    own: Unknowns,
+    causes: Sequence[_Tried],
+    one: _Tried,
+    moved: Mapping[str, tuple[float, float]],
+) -> tuple[float, ...]:
+    """Change of each parameter of a cause with its place, from those next to it.
+
+    How much lift is lost beyond an angle hangs on which angle it is, and that is between two that
+    were tried.
+    """
+    if not one.beside:
+        return (0.0,) * len(one.candidate.frees)
+    rows = [(one.candidate.at, [moved[name][0] for name in one.candidate.frees])]
+    for other in one.beside:
+        freed = [other if each is one else each.candidate for each in causes]
+        under = posterior(data, *own.freed(freed))
+        names = [name for each in freed for name in each.frees]
+        there = own.along(names, under.mean, under.covariance)
+        rows.append((other.at, [there[name][0] for name in other.frees]))
+    places, values = (np.array(each, dtype=float) for each in zip(*rows, strict=True))
+    return tuple(np.polyfit(places, values, 1)[0])
+
+
+def _estimates(
+    one: _Tried,
+    moved: Mapping[str, tuple[float, float]],
+    own: Unknowns,
+    by_place: Sequence[float],
+) -> tuple[Estimate, ...]:
+    """A cause's parameters, for each place where it may be."""
+    estimates, off, doubt = list[Estimate](), 0.0, 0.0
+    cause, candidate = one.candidate.cause, one.candidate
+    if one.place is not None and candidate.at is not None:
+        size = own.sizes[cause.where_per.format(about=candidate.about)]
+        mean, doubt = one.place
+        off = mean - candidate.at
+        estimates.append(Estimate(cause.where, mean * size, doubt * size, cause.where_unit, 0.0))
+    for name, parameter, slope in zip(candidate.frees, cause.parameters, by_place, strict=True):
         if parameter.expected:
             continue
         change, deviation = moved[name]
-        value = parameter.nominal + change
+        value = parameter.nominal + change + slope * off
+        deviation = float(np.hypot(deviation, slope * doubt))
         estimates.append(
             Estimate(parameter.name, value, deviation, parameter.unit, parameter.nominal)
         )

@@ -180,6 +180,34 @@ def test_a_density_is_that_of_the_flight() -> None:
     assert density(data, best) == pytest.approx(expected)
 
 
+BREAK, LOSS = 0.1155, 0.8
+"""A bend between two places where one is tried, and what is lost beyond it."""
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_how_much_is_lost_hangs_on_where_it_begins(seed: int) -> None:
+    """About the nearest place that is tried the loss comes out wrong by many of its deviations."""
+    places = CAUSES["stall"].places
+    names = tuple(f"aerodynamics.CZ.max(0, alpha - {at:.4g})" for at in places)
+    directions = {f"stall.{at:.4g}": {name: 1.0} for at, name in zip(places, names, strict=True)}
+    usual = dict.fromkeys(directions, 1e-3)
+    held = np.zeros(len(places))
+    every = unknowns.of_flights(
+        *(("aerodynamics.CZ.alpha", *names), np.array([0.1, *held]), directions, usual),
+        *({"": 1.0}, 1, np.array([0.0, *held])),
+    )
+    random = np.random.default_rng(seed)
+    alpha = random.uniform(-0.02, 0.16, 400)
+    columns = np.stack([alpha, *(np.maximum(alpha - at, 0.0) for at in places)], axis=1) / 5e-4
+    wide = columns @ np.concatenate([np.eye(len(places) + 1), every.directions], axis=1)
+    seen = LOSS * np.maximum(alpha - BREAK, 0.0) / 5e-4 + random.standard_normal(alpha.size)
+    stalls = [Candidate(CAUSES["stall"], at=at) for at in places]
+    [[begins, loss]] = rank(information(wide, seen), every, stalls)[0].estimates
+    assert abs(begins.value - BREAK) < 2.5 * begins.deviation
+    assert abs(loss.value - LOSS) < 2.5 * loss.deviation
+    assert loss.deviation < 0.1
+
+
 def test_what_cannot_be_is_not_named() -> None:
     off = {"thrust": -0.4}
     free, held = several(off, {}, 1), several(off, {"thrust": -0.05}, 1)
