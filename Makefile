@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-filter bench-maneuvers bench-thesis blind campaign fuzz pairs results picture live-pictures docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-faults bench-filter bench-maneuvers bench-thesis blind campaign fuzz pairs results picture live-pictures docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -93,9 +93,12 @@ blind: setup
 bench-causes: setup
 	@$(BIN)/python tests/benchmarks/causes.py $(BENCH)
 
-# What `diagnose` says of a recorded flight of ArduPlane's own simulation: some minutes.
+# What `diagnose` says of a recorded flight of ArduPlane's own simulation: some minutes; and of four
+# minutes of it with a fault put in, a dozen of them: an hour.
 bench-arduplane: setup
 	@$(BIN)/python tests/benchmarks/arduplane.py $(BENCH)
+bench-faults: setup
+	@$(BIN)/python tests/benchmarks/arduplane_faults.py $(BENCH)
 
 # Hundreds; finished ones are not repeated: BENCH="--count 200 --start 0 --cause none" for a part.
 campaign: setup

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,6 +20,8 @@ Kass & Raftery 1995."""
 RIVAL = float(np.log(10.0))
 """Sets of causes that evidence and prior favour less than this apart cannot be told apart. What
 evidence alone has `NAMED` apart is no rival of something else, however usual it is."""
+GROUP = 3
+"""Causes that a group which cannot be told apart may hold beside what is sure, to be of any use."""
 QUIET = 0.7
 """Probability of nothing being wrong from which a flight is called free of causes."""
 SHOWN = 3.0
@@ -52,13 +54,24 @@ class Verdict:
     ranked: tuple[Ranked, ...]
     perhaps: Mapping[Candidate, float]
 
+    @property
+    def sure(self) -> tuple[Candidate, ...]:
+        """What all sets that explain as much have in common, in the order of the best."""
+        return tuple(
+            one
+            for one in self.best.causes
+            if all(one in item.causes for item in self.indistinguishable)
+        )
+
 
 def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
     """What the ranking allows to say.
 
     Of several causes that act together some may be sure and others not: named is what all sets have
     in common that explain about as much, if that by itself is one of them. Otherwise something is
-    at work beside it, and which of them it is cannot be told.
+    at work beside it, and which of a few it is cannot be told. Where these are many, what is sure
+    is named, and they are what is perhaps beside it: of a real aircraft five things are wrong, and
+    that three of them are is worth knowing.
 
     Args:
         ranked: sets of causes, the most probable first.
@@ -70,13 +83,23 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
         sure = set(best.causes).intersection(*(item.causes for item in alike))
         named = next((item for item in alike if set(item.causes) == sure), None)
         if named is None:
-            return Verdict("ambiguous", best, alike, tuple(ranked), {})
+            at_work = {one for item in alike for one in item.causes}
+            if not sure or len(at_work) - len(sure) <= GROUP:
+                return Verdict("ambiguous", best, alike, tuple(ranked), {})
+            named = _part(best, sure)
         named, rest = _with_its_supersets(ranked, named)
         return Verdict("effect", named, (named,), (named, *rest), _perhaps(ranked, named))
     enough = sum(shown) * 2 >= len(shown) and len(shown) > 0
     quiet = not best.causes and best.probability >= QUIET
     answer: Answer = "no_effect" if quiet and enough else "insufficient_data"
     return Verdict(answer, best, (), tuple(ranked), {})
+
+
+def _part(best: Ranked, sure: Set[Candidate]) -> Ranked:
+    """Some causes of a set, with the sizes that they have beside its others."""
+    kept = [number for number, one in enumerate(best.causes) if one in sure]
+    estimates = tuple(best.estimates[number] for number in kept)
+    return replace(best, causes=tuple(best.causes[number] for number in kept), estimates=estimates)
 
 
 def _with_its_supersets(

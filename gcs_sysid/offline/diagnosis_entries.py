@@ -48,6 +48,7 @@ def verdict(
         "probability": probability,
         "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
         "indistinguishable": list(dict.fromkeys(rivals)),
+        "sure": [one.cause.name for one in answer.sure] if named else [],
         "separating_maneuver": _separating(answer),
         "separate": separate(answer, aircraft),
         "effects": list(best.names) if named else ["unlisted"] if missing else [],
@@ -82,7 +83,12 @@ def _separating(answer: Verdict) -> str | None:
     """What to fly where causes cannot be told apart."""
     if answer.answer != "ambiguous":
         return None
-    causes = {one.cause.name: one.cause for item in answer.indistinguishable for one in item.causes}
+    causes = {
+        one.cause.name: one.cause
+        for item in answer.indistinguishable
+        for one in item.causes
+        if one not in answer.sure
+    }
     return "; ".join(cause.shown_by for cause in causes.values())
 
 
@@ -94,9 +100,12 @@ def separate(answer: Verdict, aircraft: Aircraft) -> str | None:
     if answer.answer != "ambiguous":
         return None
     every = [*suspects(aircraft), *traces(aircraft)]
-    sets = answer.indistinguishable
-    common = set(sets[0].causes).intersection(*(item.causes for item in sets))
-    words = [_asked(one, own) for item in sets for one, own in pairs(item) if one not in common]
+    words = [
+        _asked(one, own)
+        for item in answer.indistinguishable
+        for one, own in pairs(item)
+        if one not in answer.sure
+    ]
     known = [text for text in dict.fromkeys(words) if len(named(every, text)) == 1]
     return ",".join(known[:2]) if len(known) > 1 else None
 

@@ -220,9 +220,13 @@ def _said(summary: Mapping) -> str:
         case "effect":
             return f"{_label(summary['ranking'][0])}, probability {percent}."
         case "ambiguous":
-            return (
-                f"{' or '.join(summary['indistinguishable'])}: this flight cannot tell them apart."
-            )
+            sure = summary.get("sure", [])
+            rest = " or ".join(one for one in summary["indistinguishable"] if one not in sure)
+            if sure:
+                return (
+                    f"{' and '.join(sure)}, and beside it {rest}: which, this flight cannot tell."
+                )
+            return f"{rest}: this flight cannot tell them apart."
         case "no_effect":
             return (
                 "nothing in the catalogue is wrong with this simulation beyond what its sigmas "

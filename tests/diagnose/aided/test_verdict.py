@@ -11,8 +11,10 @@ from scipy.stats import multivariate_normal, norm
 from gcs_sysid.diagnose import verdict
 from gcs_sysid.diagnose.aided import gain
 from gcs_sysid.diagnose.aided.ranking import deviations, rank
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, Posterior, information
-from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 
 
@@ -76,6 +78,33 @@ def test_where_something_else_is_at_work_and_nobody_knows_what_nothing_is_named(
     answer = verdict.judge((first, second, some(("mass",), 0.1, 30.0)), (True,))
     assert answer.answer == "ambiguous"
     assert answer.indistinguishable == (first, second)
+    assert [one.cause.name for one in answer.sure] == ["mass"]
+
+
+def test_of_many_things_at_work_those_are_named_that_are_sure() -> None:
+    """Two are in all sets, and beside them two of five, nobody knows which."""
+    names = ("mass", "cg_shift", "inertia", "stall", "propwash", "heading_bias", "gyro_scale")
+    every = [Candidate(CAUSES[name]) for name in names]
+    sure, others = every[:2], every[2:]
+    size = Estimate("size", 1.1, 0.01, "1", 1.0)
+
+    def together(*causes: Candidate, evidence: float) -> Ranked:
+        chosen, found = (*sure, *causes), Posterior(np.zeros(1), np.eye(1), 0.0)
+        return Ranked(chosen, 0.1, 0.15, evidence, ((size,),) * len(chosen), found)
+
+    sets = [
+        together(one, other, evidence=40.0)
+        for one, other in zip(others, [*others[1:], others[0]], strict=True)
+    ]
+    bare = together(evidence=30.0)
+    answer = verdict.judge((*sets, bare), (True,))
+    assert answer.answer == "effect"
+    assert answer.best.names == ("mass", "cg_shift")
+    assert answer.best.estimates == ((size,), (size,))
+    assert answer.best.probability == pytest.approx(0.9)
+    assert set(answer.perhaps) == set(others)
+    # Of few it may be one or the other.
+    assert verdict.judge((*sets[:2], bare), (True,)).answer == "ambiguous"
 
 
 def test_what_explains_nothing_is_no_rival_however_usual_it_is() -> None:
