@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+TRIES = 50
+"""Times that parts of a step are held and let go at most; a handful is usual."""
 LEAST = 0.01
 """Where the slope changed by less than this share of what was expected, a step tells nothing."""
 
@@ -42,10 +44,13 @@ def bounded(
     slope: Float[np.ndarray, " parameter"],
     longest: Float[np.ndarray, " parameter"],
 ) -> Float[np.ndarray, " parameter"]:
-    """Newton's step, of which no part is longer than it may be.
+    """The best step of which no part is longer than it may be.
 
     Parts that would be are held at their longest, and the others go where they balance with them
-    there: cut short by itself, a part would leave behind what moves along with it.
+    there: cut short by itself, a part would leave behind what moves along with it. What is held and
+    pulled back is let go again: two that are seen as a difference may both be too long at first,
+    and held so they would lead where nothing is gained. (The primal-dual active sets of
+    Hintermüller, Ito & Kunisch, SIAM J. Optimization 13, 2003.)
 
     Args:
         curvature: of the objective, symmetric or not.
@@ -53,14 +58,19 @@ def bounded(
         longest: by which each parameter may move; infinite for any.
     """
     size = np.sqrt(np.abs(np.diagonal(curvature)))
-    scaled, wanted = curvature / np.outer(size, size), slope / size
-    move, free = np.zeros_like(slope), np.ones(slope.size, dtype=bool)
-    while free.any():
-        rest = wanted[free] - scaled[np.ix_(free, ~free)] @ move[~free]
-        move[free] = np.linalg.solve(scaled[np.ix_(free, free)], rest)
-        over = free & (np.abs(move) > longest * size)
-        if not over.any():
+    scaled, wanted, most = curvature / np.outer(size, size), slope / size, longest * size
+    # At which of its ends each part is held; 0 where it is free.
+    ends = np.zeros(slope.size)
+    for _ in range(TRIES):
+        held = ends != 0.0
+        move = np.zeros(slope.size)
+        move[held] = ends[held] * most[held]
+        rest = wanted[~held] - scaled[np.ix_(~held, held)] @ move[held]
+        move[~held] = np.linalg.solve(scaled[np.ix_(~held, ~held)], rest)
+        pull = wanted - scaled @ move
+        over = np.where(np.abs(move) > most, np.sign(move), 0.0)
+        now = np.where(held, np.where(ends * pull < 0.0, 0.0, ends), over)
+        if np.array_equal(now, ends):
             break
-        move[over] = np.sign(move[over]) * (longest * size)[over]
-        free &= ~over
-    return move / size
+        ends = now
+    return np.clip(move, -most, most) / size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from gcs_sysid.estimate import quasi_newton
 
@@ -57,3 +58,24 @@ def test_parts_of_a_step_go_along_with_one_that_is_held() -> None:
     # Where the second one's own slope is gone.
     assert curvature[1] @ found == pytest.approx(slope[1])
     assert np.all(np.abs(quasi_newton.bounded(curvature, slope, np.full(2, 0.7))) <= 0.7 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bounded_step_is_the_best_one_there_is(seed: int) -> None:
+    """Against SciPy's bounded least squares, with parts that are known as differences only."""
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((30, 12)) * 10.0 ** random.uniform(-2.0, 1.0, 12)
+    root[:, 1] = root[:, 0] + 0.01 * random.standard_normal(30)
+    curvature = root.T @ root + 1e-3 * np.eye(12)
+    slope = curvature @ random.standard_normal(12) * 3.0
+    longest = np.where(np.arange(12) < 6, 0.7, np.inf)
+    factor = np.linalg.cholesky(curvature)
+    best = lsq_linear(factor.T, np.linalg.solve(factor, slope), (-longest, longest), tol=1e-14)
+    found = quasi_newton.bounded(curvature, slope, longest)
+
+    def gained(step: np.ndarray) -> float:
+        return float(step @ slope - 0.5 * step @ curvature @ step)
+
+    assert np.all(np.abs(found) <= longest + 1e-12)
+    assert gained(found) == pytest.approx(gained(best.x), rel=1e-6)
+    assert gained(found) > 0.0
