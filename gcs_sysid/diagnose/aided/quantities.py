@@ -424,7 +424,11 @@ def _ground(terms: _Terms) -> dict[str, Direction]:
 
 
 def candidates(causes: Mapping[str, Cause], found: Quantities) -> tuple[Candidate, ...]:
-    """Every cause that these quantities give sense to, once for all that it may be about."""
+    """Every cause that these quantities give sense to, once for all that it may be about.
+
+    Of a single derivative only where nothing else is the same: where a control moves one
+    coefficient alone, that derivative is the control's effect.
+    """
 
     def there(candidate: Candidate) -> bool:
         return any(any(found.directions[name].values()) for name in candidate.frees)
@@ -441,7 +445,18 @@ def candidates(causes: Mapping[str, Cause], found: Quantities) -> tuple[Candidat
                 if there(Candidate(cause, about, at)):
                     also = [one for one in same if not there(Candidate(cause, one, at))]
                     listed.append(Candidate(cause, about, at, tuple(also)))
-    return tuple(listed)
+    others = [
+        found.directions[one.frees[0]]
+        for one in listed
+        if one.cause.about != "derivative" and len(one.frees) == 1
+    ]
+
+    def told_already(one: Candidate) -> bool:
+        moved = {name for name, weight in found.directions[one.frees[0]].items() if weight}
+        same = ({name for name, weight in other.items() if weight} == moved for other in others)
+        return one.cause.about == "derivative" and any(same)
+
+    return tuple(one for one in listed if not told_already(one))
 
 
 def _abouts(cause: Cause, found: Quantities) -> Mapping[str, tuple[float | None, ...]]:

@@ -422,3 +422,24 @@ def test_what_servos_do_that_two_controls_share_is_told_of_one() -> None:
     assert weak == {"elevator": (), "aileron": (), "rudder": ()}
     plain = quantities.candidates(CAUSES, built(aircraft_file.load(DATA / "ultra_stick_25e.toml")))
     assert not any(one.also for one in plain)
+
+
+def test_a_derivative_that_is_all_of_another_cause_is_told_as_that() -> None:
+    """An aileron that only rolls: its derivative and its effect are one number."""
+    plane = aircraft_file.load(DATA / "ultra_stick_25e.toml")
+
+    def without(coefficient: str) -> CoefficientModel:
+        terms = plane.aerodynamics[coefficient].terms
+        return CoefficientModel({key: one for key, one in terms.items() if key != "aileron"})
+
+    only = {name: without(name) for name in plane.aerodynamics if name != "Cl"}
+    rolls = replace(plane, aerodynamics={**plane.aerodynamics, **only})
+
+    def told(one: Aircraft, cause: str) -> set[str]:
+        every = quantities.candidates(CAUSES, built(one))
+        return {each.about for each in every if each.cause.name == cause}
+
+    assert "Cl.aileron" in told(plane, "aero_derivative")
+    assert "Cl.aileron" not in told(rolls, "aero_derivative")
+    assert told(rolls, "surface_effectiveness") == told(plane, "surface_effectiveness")
+    assert told(rolls, "aero_derivative") >= {"Cl.phat", "Cm.elevator", "CZ.alpha"}
