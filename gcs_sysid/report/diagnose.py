@@ -220,13 +220,14 @@ def _said(summary: Mapping) -> str:
         case "effect":
             return f"{_label(summary['ranking'][0])}, probability {percent}."
         case "ambiguous":
-            sure = summary.get("sure", [])
-            rest = " or ".join(one for one in summary["indistinguishable"] if one not in sure)
-            if sure:
+            every, sure = summary["indistinguishable"], summary["sure"]
+            rest = " or ".join(one for one in every if one not in sure)
+            # Of two controls with the same cause the names are one.
+            if sure and rest:
                 return (
                     f"{' and '.join(sure)}, and beside it {rest}: which, this flight cannot tell."
                 )
-            return f"{rest}: this flight cannot tell them apart."
+            return f"{' or '.join(every)}: this flight cannot tell them apart."
         case "no_effect":
             return (
                 "nothing in the catalogue is wrong with this simulation beyond what its sigmas "

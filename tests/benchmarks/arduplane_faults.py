@@ -5,7 +5,9 @@ ArduPlane's own simulation departs from the aircraft file in ways that are there
 Here one fault more has to be found among them. A sensor's is written into the recorded messages, as
 the simulation's own parameter (`SIM_GYR1_SCALE_X`, `SIM_ACC1_BIAS_Z`, …) would have put it there,
 but for what the autopilot's filter would have made of it; an airframe's is an aircraft file that is
-wrong by as much the other way.
+wrong by as much the other way. What is true of it is what the file would have to say with nothing
+else put right: a thrust of 0.7 is 0.752 of one whose aircraft's mass is 7.4 % short, a moment's
+derivative of 0.7 is 0.652 where the inertia is.
 
 Four minutes of flight A, maneuvers of all kinds at 16 and 20 m/s. Some minutes a fault; what was
 diagnosed before is kept in `--out`.
@@ -30,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from tests.benchmarks import table  # noqa: E402 - found from ROOT
-from tests.benchmarks.arduplane import FOLDER  # noqa: E402 - found from ROOT
+from tests.benchmarks.arduplane import EAS2TAS, FOLDER  # noqa: E402 - found from ROOT
 
 FROM, TO = 135.0, 366.0
 """What is kept of flight A [s since the autopilot's start]."""
@@ -118,12 +120,12 @@ FAULTS: dict[str, Fault] = {
         {"VFR_HUD": _fast, "AIRSPEED": _fast},
     ),
     "thrust_scale": Fault(
-        "thrust_scale", "", {"ratio": 0.7}, file={"[28.02, 28.02]": "[40.03, 40.03]"}
+        "thrust_scale", "", {"ratio": 0.7 * EAS2TAS**2}, file={"[28.02, 28.02]": "[40.03, 40.03]"}
     ),
     "surface_effectiveness": Fault(
         "surface_effectiveness",
         "aileron",
-        {"ratio": 0.7},
+        {"ratio": 0.7 / EAS2TAS**2},
         file={'"aileron" = 0.25': '"aileron" = 0.357'},
     ),
     "actuator_lag": Fault(
@@ -133,7 +135,10 @@ FAULTS: dict[str, Fault] = {
         file={_ELEVATOR + "0.14": _ELEVATOR + "0.02"},
     ),
     "aero_derivative": Fault(
-        "aero_derivative", "Cm.qhat", {"ratio": 0.7}, file={'"qhat" = -20.0': '"qhat" = -28.6'}
+        "aero_derivative",
+        "Cm.qhat",
+        {"ratio": 0.7 / EAS2TAS**2},
+        file={'"qhat" = -20.0': '"qhat" = -28.6'},
     ),
     "mass": Fault("mass", "", {"mass_ratio": 1.25}, file={"mass = 2.0": "mass = 1.718"}),
 }

@@ -154,3 +154,26 @@ def test_why_a_flight_cannot_tell_is_said(changed: dict[str, Any], why: str) -> 
 )
 def test_how_much_less_probable_needs_no_logarithm(nats: float, said: str) -> None:
     assert diagnose._times(nats) == said
+
+
+@pytest.mark.parametrize(
+    ("names", "sure", "said"),
+    [
+        (["mass", "cg_shift"], [], "mass or cg_shift: this flight cannot tell them apart."),
+        (
+            ["mass", "stall", "propwash"],
+            ["mass"],
+            "mass, and beside it stall or propwash: which, this flight cannot tell.",
+        ),
+        # Of two controls, one of them sure: no more can be said by names alone.
+        (
+            ["surface_effectiveness"],
+            ["surface_effectiveness"],
+            "surface_effectiveness: this flight cannot tell them apart.",
+        ),
+    ],
+)
+def test_of_a_group_is_said_what_is_sure(names: list[str], sure: list[str], said: str) -> None:
+    group = {"verdict": "ambiguous", "indistinguishable": names, "sure": sure}
+    found = diagnose.findings({**summary({}), **group})
+    assert next(item.text for item in found if item.topic == "Verdict") == said
