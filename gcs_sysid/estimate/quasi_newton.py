@@ -50,7 +50,8 @@ def bounded(
     there: cut short by itself, a part would leave behind what moves along with it. What is held and
     pulled back is let go again: two that are seen as a difference may both be too long at first,
     and held so they would lead where nothing is gained. (The primal-dual active sets of
-    Hintermüller, Ito & Kunisch, SIAM J. Optimization 13, 2003.)
+    Hintermüller, Ito & Kunisch, SIAM J. Optimization 13, 2003.) Where that goes round, as it may if
+    the curvature is not positive, the last try is cut: all who ask take a step only if it gains.
 
     Args:
         curvature: of the objective, symmetric or not.
