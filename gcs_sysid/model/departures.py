@@ -17,6 +17,12 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
 
 
+LIGHT = 1.0
+"""A wind of less has no direction to grow along [m/s]: what grows with height fades with it. Of 2 m/s
+it is told 1.5 % weaker than it is. A direction told of any wind is none in calm air, where it turns
+with every centimetre a second, and no filter that follows it comes to rest."""
+
+
 class Departures(NamedTuple):
     """Departures from an aircraft file.
 
@@ -93,7 +99,7 @@ def sheared(
         climbed: height above there [m].
     """
     along = wind.at[2].set(0.0)
-    speed = jnp.sqrt(along @ along + 1e-6)
+    speed = ((along @ along) ** 2 + LIGHT**4) ** 0.25
     return wind + by.shear * climbed * along / speed
 
 

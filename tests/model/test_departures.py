@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -90,7 +91,24 @@ def test_shear_blows_along_the_wind_and_grows_with_height() -> None:
     by = NONE._replace(shear=jnp.asarray(0.05))
     wind = jnp.array([3.0, 4.0, 0.0])
     more = departures.sheared(wind, by, jnp.asarray(20.0)) - wind
-    np.testing.assert_allclose(more, [0.6, 0.8, 0.0], atol=1e-6)
+    np.testing.assert_allclose(more, [0.6, 0.8, 0.0], rtol=1e-3, atol=1e-12)
+
+
+def test_shear_follows_no_direction_that_calm_air_does_not_have() -> None:
+    """A filter about a wind that turns with every centimetre a second never came to rest."""
+    by, climbed = NONE._replace(shear=jnp.asarray(0.01)), jnp.asarray(50.0)
+    turning = jax.jacfwd(lambda wind: departures.sheared(wind, by, climbed) - wind)
+    for wind in ([0.0, 0.0, 0.0], [0.003, -0.002, 0.0], [0.4, 0.3, 0.0], [-2.0, 1.0, 0.0]):
+        # No more than the shear itself: 0.5 m/s more of a wind of 1 m/s.
+        assert np.linalg.norm(turning(jnp.array(wind)), 2) <= 0.5
+    np.testing.assert_array_equal(departures.sheared(jnp.zeros(3), by, climbed), 0.0)
+
+
+def test_a_light_wind_grows_nearly_as_much_as_is_said() -> None:
+    by = NONE._replace(shear=jnp.asarray(0.05))
+    wind = jnp.array([2.0, 0.0, 0.0])
+    more = departures.sheared(wind, by, jnp.asarray(20.0)) - wind
+    np.testing.assert_allclose(more, [0.985, 0.0, 0.0], atol=1e-3)
 
 
 def test_a_tilted_unit_sees_a_turned_vector() -> None:
