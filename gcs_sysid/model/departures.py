@@ -17,10 +17,10 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
 
 
-LIGHT = 1.0
-"""A wind of less has no direction to grow along [m/s]: what grows with height fades with it. Of 2 m/s
-it is told 1.5 % weaker than it is. A direction told of any wind is none in calm air, where it turns
-with every centimetre a second, and no filter that follows it comes to rest."""
+LIGHT = 0.7
+"""A wind of less has no direction to grow along [m/s], and nothing grows with height there; of 2 m/s
+1.5 % less than is said does. In calm air the direction of what seems to blow turns with every
+centimetre a second, and no filter that follows it comes to rest."""
 
 
 class Departures(NamedTuple):
@@ -99,8 +99,9 @@ def sheared(
         climbed: height above there [m].
     """
     along = wind.at[2].set(0.0)
-    speed = ((along @ along) ** 2 + LIGHT**4) ** 0.25
-    return wind + by.shear * climbed * along / speed
+    squared = along @ along + 1e-12  # where nothing blows the root has no derivative
+    share = squared**2 / (squared**2 + LIGHT**4)
+    return wind + by.shear * climbed * share * along / jnp.sqrt(squared)
 
 
 def turned(unit: Float[Array, " axis"], by: Departures) -> Float[Array, " axis"]:
