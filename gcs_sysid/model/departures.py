@@ -16,10 +16,9 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
 from gcs_sysid.model import rigid_body
 
-
 LIGHT = 0.7
-"""A wind of less has no direction to grow along [m/s], and nothing grows with height there; of 2 m/s
-1.5 % less than is said does. In calm air the direction of what seems to blow turns with every
+"""A wind of less has no direction to grow along [m/s], and nothing grows with height there; of
+2 m/s 1.5 % less than is said does. In calm air the direction of what seems to blow turns with every
 centimetre a second, and no filter that follows it comes to rest."""
 
 
