@@ -172,10 +172,10 @@ def investigate(
         standing = question.rested(flying, standing, relations)
         ranked = weighed(standing)
     tested: set[frozenset[Candidate]] = {frozenset()}
-    needed, farthest, right = NONE_NEEDED, 0.0, False
+    needed, farthest, right, overshot = NONE_NEEDED, 0.0, False, False
     for turn in range(1, ROUNDS + 1):
         best = ranked[0]
-        sizes = quantities.servo_sizes(_freed(listed, best), reached)
+        sizes = _sizes(listed, best, reached, overshot=overshot)
         again = frozenset(best.causes) in tested and sizes is None
         if again:
             if right:
@@ -184,7 +184,7 @@ def investigate(
             if other is None:
                 break
             best, right = other, True
-            sizes = quantities.servo_sizes(_freed(listed, best), reached)
+            sizes = _sizes(listed, best, reached, overshot=overshot)
         accuracy = min(best.accuracy, RIGHT) if right else best.accuracy
         asking = question
         if sizes is not None:
@@ -201,9 +201,13 @@ def investigate(
             asked_for.append(Trial(twin.causes, renamed, None, near))
         trying = telling("trying", turn)
         trials = asking.tried(trying, asked_for, relations, every, accuracy)
-        tested |= {frozenset(one.causes) for one in asked_for}
         trial = max(trials, key=lambda one: one.log_likelihood)
         lost = standing.log_likelihood - trial.log_likelihood
+        if lost > REFUTED and sizes is not None and reached.keys() & sizes.keys():
+            # Reckoned with other sizes of the same servos it says nothing of the causes.
+            overshot = True
+            continue
+        tested |= {frozenset(one.causes) for one in asked_for}
         calmer = trial.left < standing.left and lost <= REFUTED and not standing.ended
         if again and not (calmer or _likelier(trial, standing, listed, every, needed)):
             break
@@ -331,6 +335,25 @@ def _doubted(one: Ranked, reached: Mapping[str, float]) -> Ranked:
         for candidate, found in zip(one.causes, one.estimates, strict=True)
     )
     return replace(one, estimates=estimates)
+
+
+def _sizes(
+    listed: Unknowns, best: Ranked, reached: Mapping[str, float], *, overshot: bool
+) -> dict[str, float] | None:
+    """With which sizes of servos' changes to reckon from now on; None where those are near enough.
+
+    Args:
+        listed: all unknowns.
+        best: the favourite.
+        reached: with which was reckoned so far.
+        overshot: whether the flight was far less likely with sizes moved on from there, so that
+            these stay. What is wrong beside a lag can make it seem longer wherever it is taken.
+    """
+    sizes = quantities.servo_sizes(_freed(listed, best), reached)
+    if sizes is None or not overshot:
+        return sizes
+    kept = {**sizes, **reached}
+    return kept if kept.keys() > reached.keys() else None
 
 
 def _freed(listed: Unknowns, best: Ranked) -> dict[str, float]:

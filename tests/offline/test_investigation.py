@@ -141,3 +141,28 @@ def test_when_the_file_is_tried_as_right(
         investigation.investigate(small(), (unread,), (True,), (), lambda _text, _share: None)
     assert question.accuracies == accuracies
     assert over.value.args[0].log_likelihood == stands
+
+
+@pytest.mark.parametrize(("second", "stands"), [(-150.0, 0.0), (-50.0, -50.0)])
+def test_sizes_of_servos_are_not_moved_on_where_the_flight_is_far_less_likely(
+    monkeypatch, second: float, stands: float
+) -> None:
+    """What is wrong beside a lag makes it seem longer at every size with which it is reckoned."""
+    question = Restless((0.0, 2.0), (second, 2.0))
+    monkeypatch.setattr(Restless, "with_servos", lambda self, _found: self, raising=False)
+    monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
+
+    def longer(_values: object, reached: dict[str, float]) -> dict[str, float] | None:
+        known = reached.get("lag.elevator", 0.05)
+        return {"lag.elevator": 2.0 * known} if known < 0.2 else None
+
+    found = Posterior(np.zeros(7), np.eye(7), 0.0)
+    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, RIGHT)
+    monkeypatch.setattr(
+        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
+    )
+    monkeypatch.setattr(investigation.quantities, "servo_sizes", longer)
+    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert over.value.args[0].log_likelihood == stands
