@@ -203,7 +203,7 @@ def investigate(
         trials = asking.tried(trying, asked_for, relations, every, accuracy)
         trial = max(trials, key=lambda one: one.log_likelihood)
         lost = standing.log_likelihood - trial.log_likelihood
-        if lost > REFUTED and sizes is not None and reached.keys() & sizes.keys():
+        if lost > REFUTED and any((sizes or reached)[name] != reached[name] for name in reached):
             # Reckoned with other sizes of the same servos it says nothing of the causes.
             overshot = True
             continue

@@ -91,7 +91,9 @@ def test_shear_blows_along_the_wind_and_grows_with_height() -> None:
     by = NONE._replace(shear=jnp.asarray(0.05))
     wind = jnp.array([3.0, 4.0, 0.0])
     more = departures.sheared(wind, by, jnp.asarray(20.0)) - wind
-    np.testing.assert_allclose(more, [0.6, 0.8, 0.0], rtol=1e-3, atol=1e-12)
+    # But for 0.24 of 625.24, the fourth powers of a light wind and of this one.
+    share = 625.0 / (625.0 + 0.7**4)
+    np.testing.assert_allclose(more, [0.6 * share, 0.8 * share, 0.0], rtol=1e-9)
 
 
 def test_shear_follows_no_direction_that_calm_air_does_not_have() -> None:
@@ -110,7 +112,7 @@ def test_a_light_wind_grows_nearly_as_much_as_is_said() -> None:
     by = NONE._replace(shear=jnp.asarray(0.05))
     wind = jnp.array([2.0, 0.0, 0.0])
     more = departures.sheared(wind, by, jnp.asarray(20.0)) - wind
-    np.testing.assert_allclose(more, [0.985, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(more, [0.985, 0.0, 0.0], atol=5e-4)
 
 
 def test_a_tilted_unit_sees_a_turned_vector() -> None:

@@ -143,25 +143,36 @@ def test_when_the_file_is_tried_as_right(
     assert over.value.args[0].log_likelihood == stands
 
 
-@pytest.mark.parametrize(("second", "stands"), [(-150.0, 0.0), (-50.0, -50.0)])
+LAGGING, ROLLING = {"lag.elevator": 0.1}, {"lag.elevator": 0.1, "lag.aileron": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "ends", "stands"),
+    [
+        # Moved on it is far less likely, and the size before stays; or it is not.
+        ((LAGGING, {"lag.elevator": 0.2}, {"lag.elevator": 0.4}), (0.0, -150.0), 0.0),
+        ((LAGGING, {"lag.elevator": 0.2}, None), (0.0, -50.0), -50.0),
+        # Another servo's first size moves none on: all is as with causes that move nothing.
+        ((LAGGING, ROLLING, None), (0.0, -150.0), -150.0),
+    ],
+)
 def test_sizes_of_servos_are_not_moved_on_where_the_flight_is_far_less_likely(
-    monkeypatch, second: float, stands: float
+    monkeypatch,
+    sizes: tuple[dict[str, float] | None, ...],
+    ends: tuple[float, float],
+    stands: float,
 ) -> None:
     """What is wrong beside a lag makes it seem longer at every size with which it is reckoned."""
-    question = Restless((0.0, 2.0), (second, 2.0))
+    question = Restless(*((likelihood, 2.0) for likelihood in ends))
     monkeypatch.setattr(Restless, "with_servos", lambda self, _found: self, raising=False)
     monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
-
-    def longer(_values: object, reached: dict[str, float]) -> dict[str, float] | None:
-        known = reached.get("lag.elevator", 0.05)
-        return {"lag.elevator": 2.0 * known} if known < 0.2 else None
-
+    wanted = iter(sizes)
     found = Posterior(np.zeros(7), np.eye(7), 0.0)
     best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, RIGHT)
     monkeypatch.setattr(
         investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
     )
-    monkeypatch.setattr(investigation.quantities, "servo_sizes", longer)
+    monkeypatch.setattr(investigation.quantities, "servo_sizes", lambda *_: next(wanted))
     monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)

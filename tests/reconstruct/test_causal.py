@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid import regressors
 from gcs_sysid.estimate import intensities
 from gcs_sysid.estimate.intensities import Prior, Search
-from gcs_sysid.model import aided, air
+from gcs_sysid.model import aided, air, departures
 from gcs_sysid.model.aided import Means, Noise, Row
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_ekf import MEMORY, AidedFilter
@@ -70,6 +70,17 @@ def test_a_path_settles_also_in_air_that_turns_within_a_step(flight) -> None:
     fine = log_noise.turbulence._replace(spin_length=jnp.log(jnp.full(3, 0.03)))
     log_noise = log_noise._replace(turbulence=fine)
     path = settled(flight, means, 6, log_noise)
+    _, _, steps = causal.filtered(path, causal.joined(made.MODEL, means, log_noise, path))
+    assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-5
+
+
+def test_a_path_settles_in_calm_air_whatever_grows_with_height(flight) -> None:
+    """Along its own direction a wind of some cm/s grew otherwise at every row, and none settled."""
+    means, log_noise = made.unknowns(1.0)
+    by = departures.none(made.AIRCRAFT, 0)._replace(shear=jnp.asarray(0.002))
+    means = means._replace(departures=by)
+    high = replace(flight, rows=flight.rows._replace(climbed=np.full(made.COUNT, 50.0)))
+    path = settled(high, means, 6)
     _, _, steps = causal.filtered(path, causal.joined(made.MODEL, means, log_noise, path))
     assert float(jnp.max(jnp.abs(steps[0].predicted.mean))) < 1e-5
 
