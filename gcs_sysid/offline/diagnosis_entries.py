@@ -129,6 +129,7 @@ def ranking(
         listed.append(
             {
                 "causes": ["unlisted"],
+                "label": "unlisted",
                 "probability": unlisted,
                 "log_bayes_factor": missing.log_bayes_factor,
                 "parameters": {f"{missing.coefficient}.{missing.key}": term},
@@ -154,6 +155,7 @@ def _ranked(item: Ranked) -> dict[str, Any]:
             parameters[name if name not in parameters else f"{name} {candidate.label}"] = entry
     return {
         "causes": list(item.names) or ["none"],
+        "label": " and ".join(one.label for one in item.causes) or "nothing",
         "probability": item.probability,
         "log_bayes_factor": item.log_bayes_factor,
         "parameters": parameters,
@@ -171,12 +173,8 @@ def alternatives(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
         if set(item.causes) & set(best.causes) or item is best or len(item.causes) > 1:
             continue
         behind = best.log_bayes_factor - item.log_bayes_factor
-        listed.append({**_ranked(item), "label": _label(item), "behind": behind})
+        listed.append({**_ranked(item), "behind": behind})
     return sorted(listed, key=lambda item: item["behind"])[:LISTED]
-
-
-def _label(item: Ranked) -> str:
-    return " and ".join(candidate.label for candidate in item.causes) or "nothing"
 
 
 def detectable(

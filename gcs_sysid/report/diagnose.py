@@ -20,8 +20,6 @@ _BARS = 6
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
-_ABOUT = ("control", "stream", "derivative")
-"""Keys of an estimate that say what its cause is about."""
 
 
 def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
@@ -58,7 +56,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     "(its sigmas), of mass, thrust and inertia, of the flow angles and of the "
                     "surfaces' rigging can explain is explained by them first.",
                     tables=(_ranking(summary),),
-                    figures=(diagnosis.probabilities(shown, [_label(item) for item in shown]),),
+                    figures=(diagnosis.probabilities(shown, [item["label"] for item in shown]),),
                 ),
                 *_alternatives(summary),
                 Section(
@@ -112,7 +110,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     if summary.get("perhaps"):
         found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))
     others = [item for item in summary["ranking"][1:4]]
-    words = "; ".join(f"{_label(item)} {100.0 * item['probability']:.0f} %" for item in others)
+    words = "; ".join(f"{item['label']} {100.0 * item['probability']:.0f} %" for item in others)
     found.append(Finding("Else", f"{words}."))
     if "file_accuracy" in summary:
         found.append(Finding("File", _accuracy(summary["file_accuracy"])))
@@ -218,7 +216,7 @@ def _said(summary: Mapping) -> str:
     percent = f"{100.0 * summary['probability']:.0f} %"
     match summary["verdict"]:
         case "effect":
-            return f"{_label(summary['ranking'][0])}, probability {percent}."
+            return f"{summary['ranking'][0]['label']}, probability {percent}."
         case "ambiguous":
             every, sure = summary["indistinguishable"], summary["sure"]
             rest = " or ".join(one for one in every if one not in sure)
@@ -250,8 +248,8 @@ def _why_not(summary: Mapping) -> str:
         return "the filter cannot follow this simulation through it, so that no cause has a measure"
     if best["causes"] != ["none"] and best["log_bayes_factor"] >= NAMED:
         return (
-            f"{_label(best)} fits best, but what took no part in the fit is foretold no better for "
-            "it, so that something else is wrong"
+            f"{best['label']} fits best, but what took no part in the fit is foretold no better "
+            "for it, so that something else is wrong"
         )
     if summary["strained"]:
         return (
@@ -267,14 +265,6 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
 
 
-def _label(item: Mapping) -> str:
-    about = [entry.get(kind) for entry in item["parameters"].values() for kind in _ABOUT]
-    named = list(dict.fromkeys(name for name in about if name))
-    return " and ".join(item["causes"]).replace("none", "nothing") + (
-        f" ({', '.join(named)})" if named else ""
-    )
-
-
 def _parameters(item: Mapping) -> str:
     return ", ".join(
         f"{name} {plus_minus(entry['value'], _SIGMAS * entry['sd'])}"
@@ -288,7 +278,7 @@ def _ranking(summary: Mapping) -> Table:
         ("explanation", "probability", "log Bayes factor", "parameters, ± 95 %"),
         tuple(
             (
-                _label(item),
+                item["label"],
                 f"{100.0 * item['probability']:.1f} %",
                 number(item["log_bayes_factor"]),
                 _parameters(item) or "–",

@@ -78,3 +78,13 @@ def test_what_suggest_does_not_know_is_left_out() -> None:
 
 def test_nothing_is_asked_where_nobody_must_be_told_apart() -> None:
     assert entries.separate(verdict("effect", (SHIFT,), (SLOPE,)), aircraft()) is None
+
+
+def test_each_cause_of_an_explanation_says_what_it_is_about() -> None:
+    """Two streams that may be late looked the same."""
+    told = entries.ranking(verdict("effect", (LATE, INERTIA), (SLOPE,), ()).ranked)
+    assert [item["label"] for item in told] == [
+        "time_skew SERVO_OUTPUT_RAW and inertia",
+        "aero_derivative Cm.alpha",
+        "nothing",
+    ]

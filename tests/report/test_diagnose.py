@@ -11,8 +11,8 @@ from gcs_sysid.report import diagnose
 
 def summary(channels: dict[str, Any]) -> dict[str, Any]:
     width = {"width": {"value": 0.034, "sd": 0.001, "unit": "rad"}}
-    best = {"causes": ["actuator_backlash"], "probability": 0.94, "log_bayes_factor": 50.0,
-            "parameters": width}  # fmt: skip
+    best = {"causes": ["actuator_backlash"], "label": "actuator_backlash elevator",
+            "probability": 0.94, "log_bayes_factor": 50.0, "parameters": width}  # fmt: skip
     return {
         "verdict": "effect",
         "cause": "actuator_backlash",
@@ -64,8 +64,13 @@ def test_a_term_that_no_cause_stands_for_has_a_size_and_a_gain_too() -> None:
     told = summary({}) | {"verdict": "unlisted_effect", "cause": "unlisted", "explanation": []}
     told["unlisted"] = {"coefficient": "Cn", "depends_on": ["alpha", "aileron"]}
     size = {"value": 0.342, "sd": 0.01, "unit": "1"}
-    told["ranking"][0] = {"causes": ["unlisted"], "probability": 1.0, "log_bayes_factor": 500.0,
-                          "parameters": {"Cn.alpha*aileron": size}}  # fmt: skip
+    told["ranking"][0] = {
+        "causes": ["unlisted"],
+        "label": "unlisted",
+        "probability": 1.0,
+        "log_bayes_factor": 500.0,
+        "parameters": {"Cn.alpha*aileron": size},
+    }
     found = {item.topic: item.text for item in diagnose.findings(told)}
     assert "0.342 ± 0.020" in found["Size"]
     assert "22.8 % before, 19.4 % after" in found["Gain"]
@@ -101,16 +106,12 @@ def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
     assert "Fly next" not in {item.topic for item in diagnose.findings(summary({}))}
 
 
-@pytest.mark.parametrize(
-    ("key", "about"),
-    [("control", "rudder"), ("stream", "VFR_HUD"), ("derivative", "Cm.qhat")],
-)
-def test_an_explanation_says_what_it_is_about(key: str, about: str) -> None:
-    """Two streams that may be late looked the same."""
-    size = {"value": 0.04, "sd": 0.01, "unit": "s", key: about}
-    told = {"causes": ["time_skew"], "probability": 0.9, "log_bayes_factor": 9.0,
-            "parameters": {"delay": size}}  # fmt: skip
-    assert diagnose._label(told) == f"time_skew ({about})"
+def test_the_verdict_says_what_each_cause_is_about() -> None:
+    """Of several causes it had been said behind the last: "… and inertia (elevator)"."""
+    told = summary({})
+    told["ranking"][0]["label"] = "actuator_lag elevator and inertia"
+    found = {item.topic: item.text for item in diagnose.findings(told)}
+    assert found["Verdict"].startswith("actuator_lag elevator and inertia, probability")
 
 
 def test_what_a_flight_could_show_is_said_with_what_is_like_it() -> None:
@@ -124,14 +125,15 @@ def test_what_a_flight_could_show_is_said_with_what_is_like_it() -> None:
     assert pitot[-3:] == ("no size", "no", "")
 
 
-NOTHING = {"causes": ["none"], "probability": 0.3, "log_bayes_factor": 0.0, "parameters": {}}
+NOTHING = {"causes": ["none"], "label": "nothing", "probability": 0.3, "log_bayes_factor": 0.0,
+           "parameters": {}}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
         ({"followed": False}, "cannot follow this simulation"),
-        ({"strained": {}}, "actuator_backlash fits best, but what took no part"),
+        ({"strained": {}}, "actuator_backlash elevator fits best, but what took no part"),
         ({"ranking": [NOTHING] * 2, "strained": {"Cm.alpha": 4.0}}, "had to go farther"),
         ({"ranking": [NOTHING] * 2, "strained": {}}, "no cause is sure enough"),
     ],
