@@ -5,6 +5,12 @@ the same filter, one row at a time with filterpy's arithmetic (Joseph form) or a
 `jax.lax.scan`; a test holds them together. filterpy's state is the error state: nought but for the
 moment of an update, after which it is folded into the aircraft's.
 
+Behind the error state stand derivatives and sensor errors that are not known exactly: constants,
+which the filter goes on finding as it flies (Jategaonkar, *Flight Vehicle System Identification*,
+2nd ed. 2015, chapter 7). An angle of attack that was found with a derivative goes with it, and
+their covariance knows that. So the beginning has to be near, and the intensities right: a filter
+that expects other gusts than blow takes them for derivatives. `filter_error` finds both.
+
 Live nobody looks back, so that the filter itself says whether it still follows the aircraft:
 innovations squared over their covariance are one a measurement as long as it does (Bar-Shalom, Li &
 Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4.2).
@@ -12,12 +18,16 @@ Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, se
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float, Int
 
+from gcs_sysid.frames import Array
 from gcs_sysid.model import aided, aided_linear
 from gcs_sysid.model.aided import ROW_COUNT, SIZE, Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
@@ -33,17 +43,46 @@ a filter that follows another aircraft. Intensities that are all wrong by a fact
 four."""
 
 
+class _Seen(NamedTuple):
+    """A row about a step: linear in the error state, and in what is sought of the means."""
+
+    after: State
+    row: Linearised
+    moved: Float[Array, "state sought"]
+    shown: Float[Array, "row sought"]
+
+
 @jax.jit
 def _ahead(
-    model: FlightModel, means: Means, noise: Noise, state: State, row: Row
-) -> tuple[State, Linearised]:
+    model: FlightModel,
+    means: Means,
+    sought: Int[Array, " sought"],
+    noise: Noise,
+    state: State,
+    row: Row,
+) -> _Seen:
     """State at the end of a row's step, and the row about the step."""
+    flat, unravel = ravel_pytree(means)
     after = aided.advance(model.aircraft, means, noise, state, row)
     inner = aided_linear.mechanics(model.aircraft, means, state, after, row)
-    return after, aided_linear.linearise(model.aircraft, means, noise, state, after, row, inner)
+    seen = aided_linear.linearise(model.aircraft, means, noise, state, after, row, inner)
+
+    def felt(values: Float[Array, " sought"]) -> tuple[Array, Array]:
+        other = unravel(flat.at[sought].set(values))
+        there = aided.advance(model.aircraft, other, noise, state, row)
+        left = aided.innovation(model.aircraft, other, after, row)
+        return aided.difference(there, after), left
+
+    moved, left = jax.jacfwd(felt)(flat[sought])
+    return _Seen(after, seen, moved, jnp.where(seen.present[:, None], -left, 0.0))
 
 
-_folded = jax.jit(aided.compose)
+@jax.jit
+def _folded(
+    state: State, means: Means, sought: Int[Array, " sought"], error: Float[Array, " error"]
+) -> tuple[State, Means]:
+    flat, unravel = ravel_pytree(means)
+    return aided.compose(state, error[:SIZE]), unravel(flat.at[sought].add(error[SIZE:]))
 
 
 class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
@@ -52,22 +91,35 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
     Args:
         model: the aircraft.
         means: derivatives and sensor errors.
+        covariance: of these, in the order of `ravel_pytree`; what has no variance is held.
         noise: intensities.
         beginning: belief about the state before the first row.
 
     Attributes:
+        state: of the aircraft.
+        means: derivatives and sensor errors as they are known now.
+        sought: which of them the filter goes on finding, in the order of `ravel_pytree`.
         excess: squares of the last innovations over what they should be; near 1 where all is well.
     """
 
     def __init__(
-        self, model: FlightModel, means: Means, noise: Noise, beginning: Beginning
+        self,
+        model: FlightModel,
+        means: Means,
+        covariance: Float[np.ndarray, "parameter parameter"],
+        noise: Noise,
+        beginning: Beginning,
     ) -> None:
-        super().__init__(dim_x=SIZE, dim_z=ROW_COUNT)
-        self.x = np.zeros(SIZE)
-        self.P = np.asarray(beginning.covariance)
+        self.sought = np.flatnonzero(np.diagonal(covariance) > 0.0)
+        super().__init__(dim_x=SIZE + self.sought.size, dim_z=ROW_COUNT)
+        self.x = np.zeros(self.dim_x)
+        self.P[:SIZE, :SIZE] = np.asarray(beginning.covariance)
+        self.P[SIZE:, :SIZE] = self.P[:SIZE, SIZE:] = 0.0
+        self.P[SIZE:, SIZE:] = covariance[np.ix_(self.sought, self.sought)]
         self.state = beginning.state
-        self._known = (model, means, noise)
-        self._seen: Linearised | None = None
+        self.means = means
+        self._model, self._noise = model, noise
+        self._seen: _Seen | None = None
         self._faded = np.zeros(2)
         self.excess = 1.0
 
@@ -77,25 +129,36 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         # What is not a number is not less either.
         return not self.excess < LOST
 
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameter parameter"]:
+        """Of derivatives and sensor errors as known now, in the order of `ravel_pytree`."""
+        size = ravel_pytree(self.means)[0].size
+        known = np.zeros((size, size))
+        known[np.ix_(self.sought, self.sought)] = self.P[SIZE:, SIZE:]
+        return known
+
     def predict_x(self, u: Row | int = 0) -> None:
         """Moves the state to the end of the step that leads to a row."""
         if not isinstance(u, Row):
             raise TypeError("`u` must be a row")
-        self.state, self._seen = _ahead(*self._known, self.state, u)
-        self.F, self.Q = np.asarray(self._seen.transition), np.asarray(self._seen.process)
+        seen = _ahead(self._model, self.means, self.sought, self._noise, self.state, u)
+        self._seen, self.state = seen, seen.after
+        self.F, self.Q = np.eye(self.dim_x), np.zeros((self.dim_x, self.dim_x))
+        self.F[:SIZE, :SIZE], self.F[:SIZE, SIZE:] = seen.row.transition, seen.moved
+        self.Q[:SIZE, :SIZE] = seen.row.process
 
     def observe(self) -> None:
         """Takes in what the row predicted last has measured."""
         if self._seen is None:
             raise ValueError("no row was predicted")
-        seen: Any = jax.tree.map(np.asarray, self._seen)
+        seen: Any = jax.tree.map(np.asarray, self._seen.row)
+        view = np.concatenate([seen.sensitivity, np.asarray(self._seen.shown)], axis=1)
         self.R = np.diag(seen.variance)
-        self.update(
-            seen.residual, HJacobian=lambda _: seen.sensitivity, Hx=lambda _: np.zeros(ROW_COUNT)
-        )
+        self.update(seen.residual, HJacobian=lambda _: view, Hx=lambda _: np.zeros(ROW_COUNT))
         # Absent rows have no innovation.
         row = np.array([self.y @ self.SI @ self.y, np.count_nonzero(seen.present)])
         self._faded = (1.0 - 1.0 / MEMORY) * self._faded + row
         squares, count = self._faded
         self.excess = float(squares / count) if count > 0.0 else 1.0
-        self.state, self.x = _folded(self.state, self.x), np.zeros(SIZE)
+        self.state, self.means = _folded(self.state, self.means, self.sought, self.x)
+        self.x = np.zeros(self.dim_x)
