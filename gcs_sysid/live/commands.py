@@ -49,6 +49,7 @@ class CommandMaps:
         self._delay = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
         self.deflect = jax.jit(self._deflections)
         self.push = jax.jit(self._pushes)
+        self.set = jax.jit(self._settings)
 
     def _deflections(
         self,
@@ -57,6 +58,23 @@ class CommandMaps:
         at: Float[Array, " sample"],
     ) -> dict[str, Array]:
         return actuators.controls(self._aircraft, pulses, time, at=at, extra_delay=self._delay)
+
+    def _settings(
+        self,
+        time: Float[Array, " command"],
+        pulses: Mapping[int, Array],
+        speeds: Mapping[int, Array],
+        at: Float[Array, " sample"],
+    ) -> list[Array]:
+        def setting(engine: Propulsion) -> Array:
+            channel = engine.throttle_channel
+            if engine.rpm is not None:
+                return speeds[channel]
+            return propulsion.throttle(
+                engine, pulses[channel], time, at=at, extra_delay=self._delay
+            )
+
+        return [setting(engine) for engine in self._aircraft.propulsion]
 
     def _pushes(
         self,
@@ -67,20 +85,13 @@ class CommandMaps:
         airspeed: Float[Array, " sample"],
         density: Float[Array, " sample"],
     ) -> list[tuple[Array, Array]]:
-        def setting(engine: Propulsion) -> Array:
-            channel = engine.throttle_channel
-            if engine.rpm is not None:
-                return speeds[channel]
-            return propulsion.throttle(
-                engine, pulses[channel], time, at=at, extra_delay=self._delay
-            )
-
+        settings = self._settings(time, pulses, speeds, at)
         return [
             (
-                propulsion.static_thrust(engine, setting(engine), airspeed, density),
-                propulsion.static_torque(engine, setting(engine), airspeed, density),
+                propulsion.static_thrust(engine, setting, airspeed, density),
+                propulsion.static_torque(engine, setting, airspeed, density),
             )
-            for engine in self._aircraft.propulsion
+            for engine, setting in zip(self._aircraft.propulsion, settings, strict=True)
         ]
 
 
@@ -180,19 +191,31 @@ class Commands:
         density: Float[np.ndarray, " sample"],
     ) -> Thrust:
         """Thrust of all engines; `at` always of the same length."""
-        speeds = {
-            channel: jnp.asarray(np.interp(at, *ring.padded().T))
-            for channel, ring in self._speeds.items()
-        }
         flow = (jnp.asarray(at), jnp.asarray(airspeed), jnp.asarray(density))
         pushes = (
-            self._maps.push(*self._pulses(), speeds, *flow) if self._aircraft.propulsion else []
+            self._maps.push(*self._pulses(), self._turning(at), *flow)
+            if self._aircraft.propulsion
+            else []
         )
         return combined_thrust(
             self._aircraft,
             [(np.asarray(push), np.asarray(torque)) for push, torque in pushes],
             at.size,
         )
+
+    def settings(self, at: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "sample engine"]:
+        """Throttle, 0 to 1, or rotation speed [rpm] of each engine; `at` always as long."""
+        if not self._aircraft.propulsion:
+            return np.zeros((at.size, 0))
+        found = self._maps.set(*self._pulses(), self._turning(at), jnp.asarray(at))
+        return np.stack([np.broadcast_to(np.asarray(one), at.shape) for one in found], axis=-1)
+
+    def _turning(self, at: Float[np.ndarray, " sample"]) -> dict[int, Array]:
+        """Rotation speed of each engine whose thrust is over it [rpm]."""
+        return {
+            channel: jnp.asarray(np.interp(at, *ring.padded().T))
+            for channel, ring in self._speeds.items()
+        }
 
     def _pulses(self) -> tuple[Array, dict[int, Array]]:
         if not self._servos.added:

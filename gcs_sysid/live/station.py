@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from gcs_sysid.live.envelope_map import EnvelopeMap
 from gcs_sysid.live.failures import Failures
 from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
+from gcs_sysid.live.inside import Inside
+from gcs_sysid.live.inside_fit import Found, Task
 from gcs_sysid.live.latency import Latency
 from gcs_sysid.live.maneuver import ManeuverWatch
 from gcs_sysid.live.processes import Processes
@@ -65,6 +68,8 @@ class Station:
         vehicle: MAVLink system id to follow; None takes the first autopilot heard.
         clock_us: the ground station's clock [µs since 1970].
         observer: told every estimate; for those who want more than the newest.
+        fit: has a minute of flight fitted, elsewhere; None leaves the aerodynamics out of the
+            filter.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class Station:
         vehicle: int | None,
         clock_us: Callable[[], int],
         observer: Callable[[Estimate | Samples], None] | None = None,
+        fit: Callable[[Task], Future[Found | None]] | None = None,
     ) -> None:
         self.aircraft = aircraft
         self.decoder = SampleDecoder(vehicle=vehicle, watched=(inertial_filter.GYRO,))
@@ -85,6 +91,7 @@ class Station:
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
         self.processes = Processes(aircraft, believing=prior is not None)
+        self.inside = Inside(aircraft, self.commands, prior, fit)
         self.departures = Departures(aircraft)
         self.alarms = Alarms(self.commands.watched)
         self.map = EnvelopeMap(aircraft)
@@ -191,12 +198,18 @@ class Station:
         self.alarms.restarted()
         self._unfinished = None
         self.window.clear()
+        self.inside.clear()
 
     def _finished(self, estimate: Estimate) -> None:
         """Takes an estimate to which nothing will be added any more."""
         self.updates += 1
         if self._observer is not None:
             self._observer(estimate)
+        try:
+            self.inside.take(estimate, self.filter.noise, self.filter.lever, self.rows.used)
+        except Exception as error:  # noqa: BLE001 - the kinematic filter goes on without
+            self.failures.note("the filter with the aerodynamics inside, which begins anew", error)
+            self.inside.restart()
         samples = self.window.take(
             estimate,
             self.filter.noise,

@@ -300,7 +300,7 @@ def _prepared(one: Flight, start: Terms, held_out: Sequence[int], *, body: bool)
     for segment in one.segments:
         if segment.id in held_out:
             held |= (time >= segment.start) & (time < segment.end)
-    first = aided_flight.first_unknowns(rows, one.aircraft, states, start)
+    first = aided_flight.first_unknowns(rows, one.aircraft, aided_flight.kinematics(states), start)
     if body:
         none = jax.tree.map(
             lambda part: jnp.asarray(part, jnp.float64), departures.none(one.aircraft, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -117,10 +118,11 @@ def prepare(
         late: delay of the surfaces beyond the file's [s] about which `Row.control_slopes` are
             taken: commands come in steps, and over some milliseconds surfaces turn corners.
     """
-    kept, time = _without_holes(states.time, longest_step(aircraft, states))
+    longest = longest_step(aircraft, states.airspeed, states.density)
+    kept, time = _without_holes(states.time, longest)
     data = states.data
     before = np.concatenate([time[:1], time[:-1]])
-    moments = before[:, None] + (time - HAIR - before)[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
+    moments = within(before, time)
     told = SERVO_STREAM in recording.streams
 
     def moved(one: Aircraft, further: float = 0.0) -> Float[np.ndarray, "row three control"]:
@@ -170,18 +172,39 @@ def prepare(
     return Flight(rows, nominal, Beginning(first, jnp.diag(jnp.asarray(START_DEVIATION) ** 2)))
 
 
+def within(
+    before: Float[np.ndarray, " row"], time: Float[np.ndarray, " row"]
+) -> Float[np.ndarray, "row moment"]:
+    """Moments of each row's step at which surfaces and engines are looked at [s].
+
+    Args:
+        before: where the steps begin [s].
+        time: where they end [s].
+    """
+    return before[:, None] + (time - HAIR - before)[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
+
+
 def _passing(states: Reconstruction) -> Float[np.ndarray, " sample"]:
     """Speed through the steady wind, without the gusts that it carries [m/s]."""
     return np.linalg.norm(states.block("velocity") - states.block("wind"), axis=1)
 
 
-def longest_step(aircraft: Aircraft, states: Reconstruction) -> float:
+def longest_step(
+    aircraft: Aircraft,
+    airspeed: Float[np.ndarray, " sample"],
+    density: Float[np.ndarray, " sample"],
+) -> float:
     """Longest step of a row [s], by the fastest mode of an ordinary aircraft of this mass and size.
 
     Surfaces do not count: they are looked up as their servos follow the commands, and integrated
     within a step. Nor do gusts, whose correlation times are not known to more than a few per cent.
+
+    Args:
+        aircraft: its mass and size.
+        airspeed: at which it flies [m/s].
+        density: of the air there [kg/m³].
     """
-    equivalent = states.airspeed * np.sqrt(states.density / modes.DENSITY)
+    equivalent = airspeed * np.sqrt(density / modes.DENSITY)
     quick = float(np.quantile(equivalent, QUICK))
     return float(np.clip(STEP_SHARE / modes.fastest(aircraft, quick), SHORTEST_STEP, LONGEST_STEP))
 
@@ -200,45 +223,64 @@ def with_structure(aircraft: Aircraft, terms: Mapping[str, Mapping[str, float]])
     return replace(aircraft, aerodynamics=models)
 
 
+class Kinematics(NamedTuple):
+    """What the kinematics of a flight say of sensors and gusts, where a search begins.
+
+    Attributes:
+        gyro_bias: [rad/s].
+        accelerometer_bias: [m/s²].
+        gust: one standard deviation along each axis, of which a pitot tube sees the horizontal
+            ones [m/s].
+    """
+
+    gyro_bias: Float[np.ndarray, " axis"]
+    accelerometer_bias: Float[np.ndarray, " axis"]
+    gust: Float[np.ndarray, " axis"]
+
+
+def kinematics(states: Reconstruction) -> Kinematics:
+    """Of a whole flight."""
+    return Kinematics(
+        np.median(states.block("gyro_bias"), axis=0),
+        np.median(states.block("accelerometer_bias"), axis=0),
+        np.asarray(states.noise.gust),
+    )
+
+
 def first_unknowns(
     flight: Flight,
     aircraft: Aircraft,
-    states: Reconstruction,
+    begun: Kinematics,
     terms: Mapping[str, Mapping[str, float]],
 ) -> Unknowns:
-    """Where the search begins.
-
-    White noise is taken from third differences; gusts from the kinematic reconstruction, of which
-    the pitot tube saw the horizontal ones.
-    """
+    """Where the search begins; white noise is taken from third differences."""
     aerodynamics = {
         name: {key: jnp.asarray(float(value)) for key, value in values.items()}
         for name, values in terms.items()
     }
-    bias = np.median(states.block("gyro_bias"), axis=0)
-    force = np.median(states.block("accelerometer_bias"), axis=0)
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     sensors = Sensors(
-        *(jnp.asarray(bias), jnp.asarray(force), zero, zero, pair, pair),
+        *map(jnp.asarray, (begun.gyro_bias, begun.accelerometer_bias)),
+        *(zero, zero, pair, pair),
         *(zero, zero, zero, zero, zero, zero, pair),
     )
-    noise = _first_noise(flight.rows, aircraft, states)
+    noise = _first_noise(flight.rows, aircraft, begun.gust)
     # Of one type from the beginning: numbers that only seem to be of float64 compile it all twice.
     return jax.tree.map(
         lambda value: jnp.asarray(value, jnp.float64), Unknowns(Means(aerodynamics, sensors), noise)
     )
 
 
-def _first_noise(rows: Row, aircraft: Aircraft, states: Reconstruction) -> Noise:
+def _first_noise(rows: Row, aircraft: Aircraft, gust: Float[np.ndarray, " axis"]) -> Noise:
     seen = rows.measured.valid
-    level = float(states.noise.gust[0])
+    level = float(gust[0])
     height = float(np.median(rows.climbed))
     if height < LOWEST:
         height = USUAL
     long, tall = air.scale_lengths(height)
     turning = air.rotation_lengths(aircraft.geometry.wing_span, height)
     turbulence = Turbulence(
-        gust=jnp.log(jnp.array([level, level, max(float(states.noise.gust[2]), level)])),
+        gust=jnp.log(jnp.array([level, level, max(float(gust[2]), level)])),
         gust_length=jnp.log(jnp.array([long, long, tall])),
         spin=jnp.log(jnp.full(3, SPIN)),
         spin_length=jnp.log(jnp.array(turning)),
@@ -455,23 +497,43 @@ def _nominal(states: Reconstruction, time: Float[np.ndarray, " row"]) -> State:
     attitude = states.smoothed.attitude * np.concatenate([[1.0], sign])[:, None]
     attitude = at(attitude)
     attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    rate = at(states.rate)
-    # `lever` points from the centre of gravity to the inertial unit.
-    swing = frames.rotate(attitude, np.cross(rate, states.lever))
+    blocks = (at(states.block(name)) for name in ("velocity", "wind", "gust"))
+    return first_states(
+        attitude, *blocks, at(states.rate), at(states.airspeed[:, None]), states.lever
+    )
+
+
+def first_states(
+    attitude: Float[np.ndarray, "row four"],
+    velocity: Float[np.ndarray, "row axis"],
+    wind: Float[np.ndarray, "row axis"],
+    gust: Float[np.ndarray, "row axis"],
+    rate: Float[np.ndarray, "row axis"],
+    airspeed: Float[np.ndarray, "row one"],
+    lever: Float[np.ndarray, " axis"],
+) -> State:
+    """A kinematic estimate as a first guess of the states.
+
+    Args:
+        attitude: quaternions, body to NED.
+        velocity: of the inertial unit over ground [m/s].
+        wind: steady part [m/s].
+        gust: the rest of it [m/s].
+        rate: angular [rad/s].
+        airspeed: true [m/s].
+        lever: from the centre of gravity to the inertial unit [m].
+    """
+    swing = frames.rotate(attitude, np.cross(rate, lever))
+    none = np.zeros_like(rate)
     return State(
         attitude=attitude,
-        velocity=at(states.block("velocity")) - swing,
+        velocity=velocity - swing,
         rate=rate,
-        tube=at(states.airspeed[:, None]),
-        air=Air(
-            at(states.block("wind")),
-            at(states.block("gust")),
-            np.zeros_like(rate),
-            np.zeros_like(rate),
-        ),
-        attitude_error=np.zeros_like(rate),
-        push=np.zeros((time.size, 1)),
-        velocity_error=np.zeros_like(rate),
-        airspeed_error=np.zeros((time.size, 1)),
-        gyro_error=np.zeros_like(rate),
+        tube=airspeed,
+        air=Air(wind, gust, none, none),
+        attitude_error=none,
+        push=np.zeros_like(airspeed),
+        velocity_error=none,
+        airspeed_error=np.zeros_like(airspeed),
+        gyro_error=none,
     )

@@ -108,7 +108,9 @@ def prepare(one: Flight, found: Quantities, held_out: Sequence[int], *, apart: b
         name: {key: item.value for key, item in model.terms.items()}
         for name, model in found.aircraft.aerodynamics.items()
     }
-    first = aided_flight.first_unknowns(rows, found.aircraft, states, terms)
+    first = aided_flight.first_unknowns(
+        rows, found.aircraft, aided_flight.kinematics(states), terms
+    )
     none = departures.none(found.aircraft, len(found.servos))
     means = first.means._replace(departures=none)
     return Subject(one, rows, first._replace(means=means), fitted)

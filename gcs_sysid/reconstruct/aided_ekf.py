@@ -28,7 +28,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float, Int
 
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model import aided, aided_linear, departures
 from gcs_sysid.model.aided import ROW_COUNT, SIZE, Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.model.flight_model import FlightModel
@@ -85,6 +85,22 @@ def _folded(
     return aided.compose(state, error[:SIZE]), unravel(flat.at[sought].add(error[SIZE:]))
 
 
+@jax.jit
+def _flowing(
+    model: FlightModel, means: Means, state: State, row: Row
+) -> tuple[Float[Array, " three"], Float[Array, "three state"]]:
+    """Flow at the centre of gravity, and how it changes with an error state."""
+
+    def flow(error: Float[Array, " state"]) -> tuple[Array, Array]:
+        at = aided.compose(state, error)
+        centre = departures.centre(model.aircraft, means.departures)
+        found = jnp.stack(aided.through_air(model.aircraft, means, at, row, at.rate, centre))
+        return found, found
+
+    slope, value = jax.jacfwd(flow, has_aux=True)(jnp.zeros(SIZE))
+    return value, slope
+
+
 class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
     """Live reconstruction with the aerodynamics inside: `predict_x` is the flight model.
 
@@ -93,7 +109,8 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         means: derivatives and sensor errors.
         covariance: of these, in the order of `ravel_pytree`; what has no variance is held.
         noise: intensities.
-        beginning: belief about the state before the first row.
+        beginning: belief about the state before the first row, were all means known.
+        moved: how that state moves with them; zeros where it was found without.
 
     Attributes:
         state: of the aircraft.
@@ -109,13 +126,16 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         covariance: Float[np.ndarray, "parameter parameter"],
         noise: Noise,
         beginning: Beginning,
+        moved: Float[np.ndarray, "state parameter"],
     ) -> None:
         self.sought = np.flatnonzero(np.diagonal(covariance) > 0.0)
         super().__init__(dim_x=SIZE + self.sought.size, dim_z=ROW_COUNT)
         self.x = np.zeros(self.dim_x)
-        self.P[:SIZE, :SIZE] = np.asarray(beginning.covariance)
-        self.P[SIZE:, :SIZE] = self.P[:SIZE, SIZE:] = 0.0
-        self.P[SIZE:, SIZE:] = covariance[np.ix_(self.sought, self.sought)]
+        known, with_them = covariance[np.ix_(self.sought, self.sought)], moved[:, self.sought]
+        self.P[:SIZE, :SIZE] = beginning.covariance + with_them @ known @ with_them.T
+        self.P[:SIZE, SIZE:] = with_them @ known
+        self.P[SIZE:, :SIZE] = self.P[:SIZE, SIZE:].T
+        self.P[SIZE:, SIZE:] = known
         self.state = beginning.state
         self.means = means
         self._model, self._noise = model, noise
@@ -136,6 +156,19 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         known = np.zeros((size, size))
         known[np.ix_(self.sought, self.sought)] = self.P[SIZE:, SIZE:]
         return known
+
+    def flow(self, row: Row) -> tuple[Float[np.ndarray, " three"], Float[np.ndarray, " three"]]:
+        """True airspeed [m/s], angle of attack and sideslip [rad] at the centre of gravity.
+
+        Args:
+            row: that was taken in last.
+
+        Returns:
+            Values, and one standard deviation of each, all told.
+        """
+        value, slope = _flowing(self._model, self.means, self.state, row)
+        spread = np.asarray(slope) @ self.P[:SIZE, :SIZE] @ np.asarray(slope).T
+        return np.asarray(value), np.sqrt(np.maximum(np.diagonal(spread), 0.0))
 
     def predict_x(self, u: Row | int = 0) -> None:
         """Moves the state to the end of the step that leads to a row."""

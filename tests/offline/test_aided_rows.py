@@ -33,6 +33,10 @@ HOLED = np.array([0.0, 0.02, 0.04, 0.34, 0.36])
 SEA_LEVEL = 1.225
 
 
+def longest(aircraft: Aircraft, states: Reconstruction) -> float:
+    return aided_flight.longest_step(aircraft, states.airspeed, states.density)
+
+
 def straight(time: np.ndarray, speed: float = 20.0) -> Reconstruction:
     """Straight flight north at a speed, wings level."""
     count = time.size
@@ -124,8 +128,8 @@ def test_slow_telemetry_is_stepped_through_as_the_fastest_mode_asks(
     rate: float, time_constant: float, rows: int
 ) -> None:
     time = np.arange(200) / rate
-    longest = aided_flight.longest_step(rolling(time_constant), straight(time))
-    kept, every = aided_flight._without_holes(time, longest)
+    step = longest(rolling(time_constant), straight(time))
+    kept, every = aided_flight._without_holes(time, step)
     np.testing.assert_array_equal(kept, rows * np.arange(200))
     np.testing.assert_allclose(np.diff(every), 1.0 / (rows * rate), rtol=1e-9)
 
@@ -137,13 +141,13 @@ def test_at_50_hz_every_sample_of_the_aircraft_described_here_is_a_row(file: str
     assert described.envelope is not None
     time = np.arange(100) / 50.0
     states = straight(time, described.envelope.airspeed[1])
-    kept, _ = aided_flight._without_holes(time, aided_flight.longest_step(described, states))
+    kept, _ = aided_flight._without_holes(time, longest(described, states))
     np.testing.assert_array_equal(kept, np.arange(100))
 
 
 def test_no_step_is_shorter_than_any_aircraft_asks_for() -> None:
     time = np.arange(50) / 50.0
-    assert aided_flight.longest_step(rolling(1e-4), straight(time)) == aided_flight.SHORTEST_STEP
+    assert longest(rolling(1e-4), straight(time)) == aided_flight.SHORTEST_STEP
 
 
 def test_steps_are_as_short_as_a_fast_mode_asks() -> None:
@@ -157,7 +161,7 @@ def test_steps_are_as_short_as_a_fast_mode_asks() -> None:
     }
     aircraft = replace(damped, aerodynamics=aerodynamics, propulsion=())
     known = means(aircraft)
-    kept, _ = aided_flight._without_holes(time, aided_flight.longest_step(aircraft, straight(time)))
+    kept, _ = aided_flight._without_holes(time, longest(aircraft, straight(time)))
     begin = state()._replace(
         velocity=jnp.array([20.0, 0.0, 0.0]),
         rate=jnp.array([1.0, 0.0, 0.0]),

@@ -131,8 +131,9 @@ def units(covariances: np.ndarray) -> np.ndarray:
 
 def started(flight: made.Flight, means: Means) -> AidedFilter:
     noise = aided_smoother.positive(LOG_NOISE)
-    held = np.zeros((ravel_pytree(means)[0].size,) * 2)
-    return AidedFilter(made.MODEL, means, held, noise, flight.beginning)
+    size = ravel_pytree(means)[0].size
+    held, apart = np.zeros((size, size)), np.zeros((aided.SIZE, size))
+    return AidedFilter(made.MODEL, means, held, noise, flight.beginning, apart)
 
 
 def each_row(flight: made.Flight) -> list[Row]:
@@ -422,7 +423,8 @@ def test_derivatives_are_found_row_by_row_as_well_as_is_said() -> None:
         drawn = unravel(flat + sizes * rng.standard_normal(flat.size))
         off = jnp.asarray(BEGUN * rng.standard_normal(aided.SIZE))
         begun = Beginning(aided.compose(flight.beginning.state, off), BEGUN**2 * np.eye(aided.SIZE))
-        live = AidedFilter(made.MODEL, drawn, np.diag(sizes**2), noise, begun)
+        apart = np.zeros((aided.SIZE, flat.size))
+        live = AidedFilter(made.MODEL, drawn, np.diag(sizes**2), noise, begun, apart)
         for row in each_row(flight):
             live.predict(row)
             live.observe()
