@@ -20,6 +20,7 @@ from gcs_sysid.frames import Array
 from gcs_sysid.live.choice import measured
 from gcs_sysid.live.ring import Ring
 from gcs_sysid.model import actuators, propulsion
+from gcs_sysid.offline import servo_outputs
 from gcs_sysid.offline.flight import (
     RPM_STREAMS,
     SERVO_STREAM,
@@ -33,6 +34,8 @@ HISTORY = 512
 SILENT_S = 1.2
 """Where the newest command is older than this [s] nobody knows whether it still holds: messages of
 1 Hz come that far apart."""
+USUAL = 24
+"""Intervals between commands that tell the usual one."""
 Watched = Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]
 """By name in an alarm: streams, and the channels in them."""
 
@@ -158,6 +161,12 @@ class Commands:
         ]
         return f"RPM of motor {', '.join(silent)}" if silent else None
 
+    @property
+    def heard(self) -> bool:
+        """Whether there ever was one of each kind."""
+        rings = (*((self._servos,) if self._channels else ()), *self._speeds.values())
+        return all(ring.added for ring in rings)
+
     def unbroken(self, since: float) -> bool:
         """Whether none was missing from then on [s]: over a hole the last one is no deflection."""
         servos = (self._servos_heard,) if self._channels else ()
@@ -167,8 +176,10 @@ class Commands:
         """Keeps a command, or a motor's speed; of other samples only the time."""
         self._now = time
         if sample.stream == SERVO_STREAM and measured(sample, self._names):
-            values = [sample.channels[name] for name in self._names]
-            self._servos.add(np.array([time, *values]))
+            row = np.array([time, *(sample.channels[name] for name in self._names)])
+            for lost in self._lost_before(row):
+                self._servos.add(lost)
+            self._servos.add(row)
             self._servos_heard.take(time)
         elif sample.stream in RPM_STREAMS:
             for channel, motor in self._engines.items():
@@ -176,6 +187,22 @@ class Commands:
                 if measured(sample, (name,)):
                     self._speeds[channel].add(np.array([time, sample.channels[name]]))
                     self._speeds_heard[channel].take(time)
+
+    def _lost_before(self, row: Float[np.ndarray, " column"]) -> Float[np.ndarray, "lost column"]:
+        """What stands in for messages that a radio lost before this one: see `servo_outputs`."""
+        newest = self._servos.newest(USUAL + 1)
+        steps, none = np.diff(newest[:, 0]), np.zeros((0, row.size))
+        if steps.size < servo_outputs.LEAST_RATE:
+            return none
+        usual = float(np.median(steps))
+        alike = np.abs(steps - usual) < servo_outputs.STEADY * usual
+        if np.mean(alike) < servo_outputs.MOSTLY:
+            return none
+        count = round((row[0] - newest[-1, 0]) / usual)
+        if not 1 < count <= servo_outputs.MOST_LOST + 1:
+            return none
+        share = np.arange(1, count)[:, None] / count
+        return newest[-1] + share * (row - newest[-1])
 
     def controls(self, at: Float[np.ndarray, " sample"]) -> dict[str, Float[np.ndarray, " sample"]]:
         """Deflections as the air feels them [rad]; `at` always of the same length."""

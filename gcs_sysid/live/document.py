@@ -14,6 +14,7 @@ from gcs_sysid.live import advice, envelope_map, latency, processes
 from gcs_sysid.live.causes import likely
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.inside import FIRST_S
 from gcs_sysid.live.regression import Solution
 from gcs_sysid.live.station import Station
 from gcs_sysid.model.kinematics import BLOCKS
@@ -82,6 +83,7 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
         "maneuvers": station.maneuvers.legs(epoch),
         "suggestions": advice.suggestions(station.aircraft, taught),
         "processes": learned,
+        "inside": inside(station, now_us),
         "map": known_where(station, solved),
         "latency": {
             "packet_to_update": station.latency.percentiles(),
@@ -122,6 +124,7 @@ def bare(station: Station, around: Outside) -> dict[str, Any]:
             "wanted": processes.FIRST,
             "coefficients": {},
         },
+        "inside": {"phase": station.inside.phase, "state": {}, "derivatives": {}},
         "map": None,
         "latency": {name: dict.fromkeys(latency.NAMES) for name in ("packet_to_update", "update")},
         "counts": {
@@ -155,6 +158,38 @@ def state(estimate: Estimate) -> dict[str, dict[str, Any]]:
     return {
         name: {"value": float(value), "sd": float(sd), "unit": unit}
         for name, value, sd, unit in rows
+    }
+
+
+def inside(station: Station, now_us: int | None) -> dict[str, Any]:
+    """What the filter with the aerodynamics inside knows, and how old its state is."""
+    running, epoch = station.inside, station.rows.epoch_us
+    found, now = running.newest(), _log_now(station, now_us)
+    old = None if found is None or now is None else round(now - found.time, 3)
+    return {
+        "phase": running.phase,
+        "collected_s": round(running.collected, 1),
+        "wanted_s": FIRST_S,
+        "lost": running.lost,
+        "excess": None if found is None else round(running.excess, 3),
+        "time_us": None if found is None or epoch is None else epoch + round(found.time * 1e6),
+        "age_s": old,
+        "state": {}
+        if found is None
+        else {
+            name: {"value": float(value), "sd": float(sd), "unit": unit}
+            for name, value, sd, unit in zip(
+                ("V", "alpha", "beta"),
+                found.flow,
+                found.deviation,
+                ("m/s", "rad", "rad"),
+                strict=True,
+            )
+        },
+        "derivatives": {
+            name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
+            for name, terms in running.derivatives().items()
+        },
     }
 
 

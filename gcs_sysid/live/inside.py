@@ -22,7 +22,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import Aircraft
-from gcs_sysid.estimate import in_common
+from gcs_sysid.estimate import in_common, scoring
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live import inside_fit
@@ -45,6 +45,12 @@ FIRST_S = 60.0
 """Flight that is fitted [s]: gusts and noise are known to some per cent after a minute."""
 MOST = 384
 """Batches that wait at most, four minutes at 50 Hz: longer than any fit takes."""
+AGEING_S = 120.0
+"""What the minute left unknown of derivatives and sensor errors comes back in so much flight [s].
+What is wrong in the intensities that a minute told bends derivatives however long it is flown: on
+three flights (seeds 7000 to 7002 of `bench_live_inside.py`) errors after four minutes were those
+after one, and stated deviations of a filter that believed in constants half as large. In balance
+with what more flight tells, this leaves what 85 seconds tell."""
 CATCHING_UP = 3
 """Rows taken at each estimate while the filter is behind."""
 PREFIX = "inside."
@@ -70,6 +76,7 @@ class _Learned(NamedTuple):
 
     unknowns: Unknowns
     covariance: Float[np.ndarray, "parameter parameter"]
+    drift: Float[np.ndarray, "parameter parameter"]
 
 
 class Inside:
@@ -157,7 +164,11 @@ class Inside:
         batch = self._maker.take(estimate, lever)
         if batch is not None:
             self.rows += BATCH
-            self._batches.append(batch)
+            if self.phase == "collecting" and not batch.rows.modelled.all():
+                # Nothing is to be learned where nobody knows what was commanded.
+                self._batches.clear()
+            else:
+                self._batches.append(batch)
         if self._coming is not None and self._coming.done():
             self._begin(self._coming)
         if self._learned is not None:
@@ -194,7 +205,8 @@ class Inside:
             self.lost += 1
             self.restart()
             return
-        self._learned = _Learned(found.unknowns, found.covariance)
+        drift = found.covariance / AGEING_S
+        self._learned = _Learned(found.unknowns, found.covariance, drift)
         self._place = 0
         whole = len(self._batches) < MOST and self._batches and self._batches[0].rows.step[0] > 0.0
         self._filter = self._filtering(found.beginning, found.moved) if whole else None
@@ -204,8 +216,10 @@ class Inside:
     ) -> AidedFilter | None:
         if self._learned is None:
             return None
-        (means, log_noise), covariance = self._learned
-        return AidedFilter(self._model, means, covariance, positive(log_noise), beginning, moved)
+        (means, log_noise), covariance, drift = self._learned
+        return AidedFilter(
+            self._model, means, covariance, positive(log_noise), beginning, moved, drift
+        )
 
     def _move_on(self) -> None:
         """Takes in rows that wait: one, or some where there are many."""
@@ -242,7 +256,9 @@ class Inside:
         """Keeps what the filter has learned so far."""
         if self._filter is not None and self._learned is not None:
             unknowns = self._learned.unknowns._replace(means=self._filter.means)
-            self._learned = _Learned(unknowns, self._filter.covariance)
+            self._learned = self._learned._replace(
+                unknowns=unknowns, covariance=self._filter.covariance
+            )
 
     def _again(self, state: State) -> AidedFilter | None:
         """The filter begun anew at a state that kinematics have found."""
@@ -259,13 +275,20 @@ class Inside:
         return Newest(time, *self._filter.flow(row))
 
     def derivatives(self) -> dict[str, dict[str, TermEstimate]]:
-        """Derivatives by coefficient and regressor; empty before they are known."""
+        """Derivatives by coefficient and regressor; empty before they are known.
+
+        As after the flight, the lag of the moments is believed to `scoring.TIMING` at best.
+        """
         if self._filter is None:
             return {}
         means = self._filter.means
         keys = in_common.derivative_keys(means.aerodynamics)
         values = np.asarray(ravel_pytree(means)[0])[: len(keys)]
-        deviation = np.sqrt(np.maximum(np.diagonal(self._filter.covariance)[: len(keys)], 0.0))
+        covariance = self._filter.covariance
+        sought = np.diagonal(covariance) > 0.0
+        for lag in np.flatnonzero(scoring.marked(means, ("moment_lag",)) & sought):
+            covariance = scoring.timed(covariance, int(lag))
+        deviation = np.sqrt(np.maximum(np.diagonal(covariance)[: len(keys)], 0.0))
         out: dict[str, dict[str, TermEstimate]] = {}
         for (name, key), value, spread in zip(keys, values, deviation, strict=True):
             out.setdefault(name, {})[key] = TermEstimate(float(value), float(spread))
@@ -281,10 +304,11 @@ class Inside:
         self._keep()
         if self._learned is None:
             return {}
-        (means, noise), covariance = self._learned
+        (means, noise), covariance, drift = self._learned
         derivatives = ravel_pytree(means.aerodynamics)[0]
         known = {
             "covariance": covariance,
+            "drift": drift,
             "derivatives": derivatives,
             **means.sensors._asdict(),
             **{f"noise.{name}": one for name, one in noise._asdict().items() if name != _AIR},
@@ -312,11 +336,11 @@ class Inside:
         others = {name: own[f"noise.{name}"] for name in Noise._fields if name != _AIR}
         means = Means(unravel(jnp.asarray(_shaped(own["derivatives"], flat.shape))), sensors)
         count = ravel_pytree(means)[0].size
-        covariance = _shaped(own["covariance"], (count, count))
+        covariance, drift = (_shaped(own[name], (count, count)) for name in ("covariance", "drift"))
         unknowns = Unknowns(means, Noise(turbulence=turbulence, **others))
         if not np.isfinite(ravel_pytree(unknowns)[0]).all():
             raise ValueError("not finite")
-        self._learned = _Learned(unknowns, covariance)
+        self._learned = _Learned(unknowns, covariance, drift)
         return True
 
 

@@ -34,7 +34,8 @@ from gcs_sysid.model.aided import Row, State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.aided_flight import Kinematics
-from gcs_sysid.reconstruct.aided_smoother import Beginning
+from gcs_sysid.reconstruct.aided_ekf import AidedFilter
+from gcs_sysid.reconstruct.aided_smoother import Beginning, positive
 
 PATIENT = 10
 """By how much it steps back for others, as `nice` counts it."""
@@ -171,11 +172,28 @@ class Beside:
             there.close()
             if self._closed:
                 process.terminate()
-            coming.set_result(here.recv())
+            found = here.recv()
+            if found is not None:
+                _compile(task, found)
+            coming.set_result(found)
         except EOFError:
             coming.set_exception(RuntimeError("the process that fits has ended"))
         except Exception as error:  # noqa: BLE001 - told by whoever waits
             coming.set_exception(error)
+
+
+def _compile(task: Task, found: Found) -> None:
+    """What the filter beside the flight needs, while nobody waits for it."""
+    start = first_terms(task.aircraft, task.prior)
+    model = FlightModel(aided_flight.with_structure(task.aircraft, start))
+    (means, log_noise), known = found.unknowns, found.covariance
+    running = AidedFilter(
+        model, means, known, positive(log_noise), found.beginning, found.moved, drift=known
+    )
+    row = jax.tree.map(lambda part: part[-1], task.rows)
+    running.predict(row)
+    running.observe()
+    running.flow(row)
 
 
 def _serve(prepare: Callable[[], None], task: Task, there: Connection) -> None:

@@ -143,9 +143,7 @@ class InsideRows:
         moments = aided_flight.within(time - step, time)
         controls = self._controls(moments)
         earlier = self._controls(moments - aided_flight.SLOPE_STEP)
-        settings = runge_kutta.inputs(
-            self._commands.settings(moments.ravel()).reshape(*moments.shape, -1)
-        )
+        settings = self._settings(moments)
         made = aided.Row(
             step=step,
             controls=controls,
@@ -174,17 +172,27 @@ class InsideRows:
 
     def _known(self, since: float) -> bool:
         """Whether all commands from then on are known [s]."""
-        return self._commands.missing is None and self._commands.unbroken(since)
+        return (
+            self._commands.heard and self._commands.unbroken(since) and not self._commands.missing
+        )
 
     def _controls(
         self, moments: Float[np.ndarray, "row moment"]
     ) -> Float[np.ndarray, "row three control"]:
-        found = self._commands.controls(moments.ravel())
         names = self._aircraft.control_names
-        if not found:
+        if not self._commands.heard:
             return np.zeros((moments.shape[0], 3, len(names)))
+        found = self._commands.controls(moments.ravel())
         each = [found[name].reshape(moments.shape) for name in names]
         return runge_kutta.inputs(np.stack(each, axis=-1))
+
+    def _settings(
+        self, moments: Float[np.ndarray, "row moment"]
+    ) -> Float[np.ndarray, "row three engine"]:
+        if not self._commands.heard:
+            return np.zeros((moments.shape[0], 3, len(self._aircraft.propulsion)))
+        found = self._commands.settings(moments.ravel())
+        return runge_kutta.inputs(found.reshape(*moments.shape, -1))
 
     def _nearest(
         self, time: Float[np.ndarray, " row"], there: Bool[np.ndarray, " row"], end: float

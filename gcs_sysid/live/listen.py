@@ -19,6 +19,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
 from gcs_sysid.live import showing, snapshot, warming
 from gcs_sysid.live.handing import Thing, handed_on
+from gcs_sysid.live.inside_fit import Beside
 from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session
 from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Compiled, Station
@@ -99,6 +100,7 @@ def run(
     stopped: Callable[[], bool],
     say: Callable[[str], None] = _LOG.info,
     clock: Clock = _CLOCK,
+    prepare: Callable[[], None] | None = None,
 ) -> Ending:
     """Listens until the link falls quiet, is closed, or the user has enough.
 
@@ -112,6 +114,8 @@ def run(
         stopped: whether the user wants to end.
         say: takes a sentence for the user, now and then.
         clock: time.
+        prepare: called in the process that fits a minute of flight inside the filter, before it
+            computes; None leaves the aerodynamics out of the filter.
 
     Raises:
         SourceError: a link cannot be opened, nothing at all arrived, or the recording failed.
@@ -120,8 +124,9 @@ def run(
     sys.setswitchinterval(SWITCH_S)
     believed = file_prior(aircraft) if options.prior == "file" else None
     compiled = Compiled(aircraft)
+    fit = None if prepare is None else Beside(prepare)
     station = Station(
-        aircraft, compiled, prior=believed, vehicle=options.vehicle, clock_us=clock.us
+        aircraft, compiled, prior=believed, vehicle=options.vehicle, clock_us=clock.us, fit=fit
     )
     if options.can is not None and not options.can.startswith(BUS_SCHEME):
         raise SourceError(options.can, "is no CAN bus", fix="write it as can:socketcan:can0")
@@ -158,6 +163,8 @@ def run(
                 running.enter_context(beside)
             running.enter_context(warming.started(aircraft, compiled, session.ready))
             running.callback(station.processes.close)
+            if fit is not None:
+                running.callback(fit.close)
             why = _listen(session, stopped, options.quiet_after)
         note = _line(main).broken or ("" if reader.failure is None else reader.failure.what)
         if session.heard:
@@ -198,7 +205,7 @@ def _resumed(recorder: Recorder, station: Station, out: Path) -> str:
     path = out / snapshot.NAME
     if not path.exists():
         return f"{words}; there is no snapshot of the model, it begins anew"
-    restored = snapshot.restore(path, station.model, station.processes)
+    restored = snapshot.restore(path, station.model, station.processes, station.inside)
     station.decoder.remember(restored.parameters)
     if not restored.processes:
         words += "; the Gaussian processes begin anew"
@@ -256,6 +263,7 @@ def _publishing(
                 snapshot.taken(
                     station.model,
                     station.processes,
+                    station.inside,
                     time_us=link_us,
                     updates=station.updates,
                     parameters=station.decoder.parameters,

@@ -39,6 +39,11 @@ class Ring:
             return self._rows[: self.added].copy()
         return np.roll(self._rows, -(self.added % self._size), axis=0)
 
+    def newest(self, count: int) -> Float[np.ndarray, "row column"]:
+        """The last rows, so many where there are, oldest first."""
+        first = max(self.added - count, self.added - self._size, 0)
+        return self._rows[np.arange(first, self.added) % self._size]
+
     def padded(self) -> Float[np.ndarray, "row column"]:
         """Always `size` rows: the oldest stands in for those that have not come yet."""
         rows = self.rows()

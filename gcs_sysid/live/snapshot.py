@@ -12,12 +12,13 @@ from types import MappingProxyType
 import numpy as np
 
 from gcs_sysid.errors import InputError
+from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.offline import documents
 
 NAME = "live-model.npz"
-SCHEMA = 2
+SCHEMA = 3
 EVERY_S = 5.0
 """A snapshot is taken so often [s]: this much of the model a killed program loses."""
 _SCHEMA, _TIME, _UPDATES, _STRUCTURE = "schema", "time_us", "updates", "structure"
@@ -33,6 +34,7 @@ class Restored:
         time_us: when it was taken [µs since 1970].
         updates: after how many.
         processes: whether the processes go on too.
+        inside: whether the filter with the aerodynamics inside does.
         parameters: of the autopilot: it tells them seldom, and a program that begins anew would
             read its samples otherwise.
     """
@@ -40,27 +42,30 @@ class Restored:
     time_us: int
     updates: int
     processes: bool
+    inside: bool
     parameters: Mapping[str, float]
 
 
 def taken(
     model: RunningModel,
     processes: Processes,
+    inside: Inside,
     *,
     time_us: int,
     updates: int,
     parameters: Mapping[str, float] = _NONE,
 ) -> dict[str, np.ndarray]:
-    """What first model and processes know now; what they learn later changes nothing in it.
+    """What all three know now; what they learn later changes nothing in it.
 
     Args:
         model: the first model.
         processes: beside it.
+        inside: the filter with the aerodynamics inside.
         time_us: of the newest state [µs since 1970].
         updates: so far.
         parameters: of the autopilot, by which samples were read.
     """
-    known = {**model.state(), **processes.state()}
+    known = {**model.state(), **processes.state(), **inside.state()}
     return {
         **{name: value.copy() for name, value in known.items()},
         _SCHEMA: np.array(SCHEMA),
@@ -83,8 +88,8 @@ def write(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     documents.write_atomic(path, fill)
 
 
-def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:
-    """Lets both go on from a snapshot of those of the same structure.
+def restore(path: Path, model: RunningModel, processes: Processes, inside: Inside) -> Restored:
+    """Lets all three go on from a snapshot of those of the same structure.
 
     Raises:
         InputError: it cannot be read, or belongs to another aircraft or program.
@@ -103,8 +108,9 @@ def restore(path: Path, model: RunningModel, processes: Processes) -> Restored:
     try:
         model.restore(arrays)
         gone_on = processes.restore(arrays)
+        known = inside.restore(arrays)
         return Restored(
-            int(arrays[_TIME]), int(arrays[_UPDATES]), gone_on, dict(_parameters(arrays))
+            int(arrays[_TIME]), int(arrays[_UPDATES]), gone_on, known, dict(_parameters(arrays))
         )
     except (KeyError, TypeError, ValueError) as error:
         raise _damaged(path, error) from error

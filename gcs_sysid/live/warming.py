@@ -10,6 +10,7 @@ import gc
 import math
 import threading
 from collections.abc import Generator, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 
 from gcs_sysid.aircraft import Aircraft
@@ -49,7 +50,9 @@ def started(
 
 def warm(aircraft: Aircraft, compiled: Compiled) -> None:
     """Runs every function once that a flight of this aircraft will need."""
-    station = Station(aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0)
+    station = Station(
+        aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0, fit=lambda _: Future()
+    )
     station.take(_flight(aircraft))
     station.work(1)
 

@@ -9,7 +9,8 @@ Behind the error state stand derivatives and sensor errors that are not known ex
 which the filter goes on finding as it flies (Jategaonkar, *Flight Vehicle System Identification*,
 2nd ed. 2015, chapter 7). An angle of attack that was found with a derivative goes with it, and
 their covariance knows that. So the beginning has to be near, and the intensities right: a filter
-that expects other gusts than blow takes them for derivatives. `filter_error` finds both.
+that expects other gusts than blow takes them for derivatives. `filter_error` finds both, of so much
+flight that a part of that error is left; what is known of derivatives therefore grows old.
 
 Live nobody looks back, so that the filter itself says whether it still follows the aircraft:
 innovations squared over their covariance are one a measurement as long as it does (Bar-Shalom, Li &
@@ -111,6 +112,7 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         noise: intensities.
         beginning: belief about the state before the first row, were all means known.
         moved: how that state moves with them; zeros where it was found without.
+        drift: by how much more the covariance of the means is believed wrong each second.
 
     Attributes:
         state: of the aircraft.
@@ -127,6 +129,7 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         noise: Noise,
         beginning: Beginning,
         moved: Float[np.ndarray, "state parameter"],
+        drift: Float[np.ndarray, "parameter parameter"],
     ) -> None:
         self.sought = np.flatnonzero(np.diagonal(covariance) > 0.0)
         super().__init__(dim_x=SIZE + self.sought.size, dim_z=ROW_COUNT)
@@ -139,6 +142,7 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         self.state = beginning.state
         self.means = means
         self._model, self._noise = model, noise
+        self._drift = drift[np.ix_(self.sought, self.sought)]
         self._seen: _Seen | None = None
         self._faded = np.zeros(2)
         self.excess = 1.0
@@ -179,6 +183,7 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         self.F, self.Q = np.eye(self.dim_x), np.zeros((self.dim_x, self.dim_x))
         self.F[:SIZE, :SIZE], self.F[:SIZE, SIZE:] = seen.row.transition, seen.moved
         self.Q[:SIZE, :SIZE] = seen.row.process
+        self.Q[SIZE:, SIZE:] = float(u.step) * self._drift
 
     def observe(self) -> None:
         """Takes in what the row predicted last has measured."""

@@ -66,7 +66,12 @@ class Soak:
             aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: self._now[0]
         )
         if self.done and (out / snapshot.NAME).exists():
-            snapshot.restore(out / snapshot.NAME, self._station.model, self._station.processes)
+            snapshot.restore(
+                out / snapshot.NAME,
+                self._station.model,
+                self._station.processes,
+                self._station.inside,
+            )
 
     def _lines(self) -> list[str]:
         """Whole lines; one that a kill cut is left out."""
@@ -129,7 +134,7 @@ class Soak:
         newest = self._station.newest
         if newest is not None:
             kept = snapshot.taken(
-                self._station.model, self._station.processes,
+                self._station.model, self._station.processes, self._station.inside,
                 time_us=newest.row.link_us, updates=self._station.updates,
             )  # fmt: skip
             snapshot.write(self._out / snapshot.NAME, kept)

@@ -13,6 +13,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.live import document
 from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.inside_rows import Batch, InsideRows
 from gcs_sysid.live.session import Clock, Session
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.sources import tlog
@@ -36,6 +37,7 @@ class Listened:
         station: what was made of it, at its end.
         estimates: every state.
         windows: every window of coefficients.
+        batches: every batch of rows of the aided filter.
         documents: the live documents, one a second of flight.
     """
 
@@ -44,6 +46,7 @@ class Listened:
     station: Station
     estimates: list[Estimate]
     windows: list[Samples]
+    batches: list[Batch]
     documents: list[dict]
 
 
@@ -80,17 +83,22 @@ def listened(
     clock = Clock(seconds=lambda: now[0] * 1e-6, us=lambda: now[0])
     estimates: list[Estimate] = []
     windows: list[Samples] = []
+    batches: list[Batch] = []
     documents: list[dict] = []
+
+    def observe(item: Estimate | Samples) -> None:
+        if not isinstance(item, Estimate):
+            windows.append(item)
+            return
+        estimates.append(item)
+        batch = maker.take(item, station.filter.lever)
+        if batch is not None:
+            batches.append(batch)
+
     station = Station(
-        aircraft,
-        compiled,
-        prior=None,
-        vehicle=None,
-        clock_us=clock.us,
-        observer=lambda item: (
-            estimates.append(item) if isinstance(item, Estimate) else windows.append(item)
-        ),
+        aircraft, compiled, prior=None, vehicle=None, clock_us=clock.us, observer=observe
     )
+    maker = InsideRows(aircraft, station.commands)
     mailbox = Mailbox()
     with (
         Link("udpin:127.0.0.1:0") as ground,
@@ -118,4 +126,4 @@ def listened(
     documents.append(
         document.document(station, document.Outside("test", "ended", recorded=len(played)))
     )
-    return Listened(log, recorder.path, station, estimates, windows, documents)
+    return Listened(log, recorder.path, station, estimates, windows, batches, documents)

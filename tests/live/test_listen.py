@@ -350,7 +350,12 @@ def test_samples_are_read_as_before_the_kill(hear, aircraft, compiled, tmp_path)
 
     before, after = station(), station()
     arrays = snapshot.taken(
-        before.model, before.processes, time_us=1, updates=1, parameters=told | {"OTHER": 1.0}
+        before.model,
+        before.processes,
+        before.inside,
+        time_us=1,
+        updates=1,
+        parameters=told | {"OTHER": 1.0},
     )
     snapshot.write(tmp_path / snapshot.NAME, arrays)
     with Recorder(recording, append=True) as recorder:

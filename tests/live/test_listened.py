@@ -15,6 +15,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import InputError
 from gcs_sysid.live import snapshot
 from gcs_sysid.live.coefficients import HOP, KEPT
+from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.listen import Ending, identified
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
@@ -270,12 +271,14 @@ def test_the_model_goes_on_as_it_was_kept(
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     told = {inertial_filter.GYRO: 20.0}
     processes = listened.station.processes
-    arrays = snapshot.taken(kept, processes, time_us=1234, updates=77, parameters=told)
+    inside = Inside(aircraft, listened.station.commands, None, None)
+    arrays = snapshot.taken(kept, processes, inside, time_us=1234, updates=77, parameters=told)
     snapshot.write(path, arrays)
     again = RunningModel(aircraft, compiled.regressors, None)
     assert again.estimates() == {}
     processes = Processes(aircraft, believing=False)
-    assert snapshot.restore(path, again, processes) == snapshot.Restored(1234, 77, True, told)
+    restored = snapshot.restore(path, again, processes, inside)
+    assert restored == snapshot.Restored(1234, 77, True, False, told)
     assert processes.count == listened.station.processes.count > 0
     assert kept.estimates()
     assert again.estimates() == kept.estimates()
@@ -287,21 +290,22 @@ def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     model = RunningModel(aircraft, compiled.regressors, None)
     processes = Processes(aircraft, believing=False)
-    snapshot.write(path, snapshot.taken(kept, processes, time_us=1, updates=1))
+    inside = Inside(aircraft, listened.station.commands, None, None)
+    snapshot.write(path, snapshot.taken(kept, processes, inside, time_us=1, updates=1))
     whole = path.read_bytes()
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="cannot be read as a snapshot"):
-            snapshot.restore(path, model, processes)
+            snapshot.restore(path, model, processes, inside)
     arrays = {**kept.state(), "schema": np.array(snapshot.SCHEMA), "time_us": np.array(1)}
     np.savez(path, **arrays, updates=np.array(1), structure=np.array("Cm alpha"))
     with pytest.raises(InputError, match="another aircraft file"):
-        snapshot.restore(path, model, processes)
+        snapshot.restore(path, model, processes, inside)
     first = next(name for name in arrays if name.endswith("information"))
     arrays[first] = np.full_like(arrays[first], np.nan)
     np.savez(path, **arrays, updates=np.array(1), structure=np.array(model.structure))
     with pytest.raises(InputError, match="not finite"):
-        snapshot.restore(path, model, processes)
+        snapshot.restore(path, model, processes, inside)
     assert model.estimates() == {}
 
 

@@ -16,6 +16,8 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.cli.commands import listen as command
 from gcs_sysid.errors import InputError
 from gcs_sysid.live import listen, snapshot, warming
+from gcs_sysid.live.commands import Commands
+from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.listen import Options
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
@@ -115,6 +117,7 @@ def test_a_snapshot_with_a_pickle_inside_is_not_opened(
     aircraft: Aircraft, compiled: Compiled, tmp_path: Path
 ) -> None:
     model = RunningModel(aircraft, compiled.regressors, None)
+    inside = Inside(aircraft, Commands(aircraft, compiled.maps), None, None)
     path = tmp_path / snapshot.NAME
     hostile = np.empty(1, dtype=object)
     hostile[0] = Hostile()
@@ -122,7 +125,7 @@ def test_a_snapshot_with_a_pickle_inside_is_not_opened(
     with pytest.raises(pytest.fail.Exception, match="a pickle was opened"):
         np.load(path, allow_pickle=True)["structure"]
     with pytest.raises(InputError, match="cannot be read as a snapshot"):
-        snapshot.restore(path, model, Processes(aircraft, believing=False))
+        snapshot.restore(path, model, Processes(aircraft, believing=False), inside)
 
 
 def test_a_page_that_is_killed_does_not_end_the_listening(tmp_path, monkeypatch) -> None:

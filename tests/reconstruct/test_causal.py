@@ -133,7 +133,7 @@ def started(flight: made.Flight, means: Means) -> AidedFilter:
     noise = aided_smoother.positive(LOG_NOISE)
     size = ravel_pytree(means)[0].size
     held, apart = np.zeros((size, size)), np.zeros((aided.SIZE, size))
-    return AidedFilter(made.MODEL, means, held, noise, flight.beginning, apart)
+    return AidedFilter(made.MODEL, means, held, noise, flight.beginning, apart, held)
 
 
 def each_row(flight: made.Flight) -> list[Row]:
@@ -423,8 +423,8 @@ def test_derivatives_are_found_row_by_row_as_well_as_is_said() -> None:
         drawn = unravel(flat + sizes * rng.standard_normal(flat.size))
         off = jnp.asarray(BEGUN * rng.standard_normal(aided.SIZE))
         begun = Beginning(aided.compose(flight.beginning.state, off), BEGUN**2 * np.eye(aided.SIZE))
-        apart = np.zeros((aided.SIZE, flat.size))
-        live = AidedFilter(made.MODEL, drawn, np.diag(sizes**2), noise, begun, apart)
+        apart, still = np.zeros((aided.SIZE, flat.size)), np.zeros((flat.size, flat.size))
+        live = AidedFilter(made.MODEL, drawn, np.diag(sizes**2), noise, begun, apart, still)
         for row in each_row(flight):
             live.predict(row)
             live.observe()

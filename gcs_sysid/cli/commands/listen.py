@@ -125,6 +125,7 @@ def command(
                 show=show,
                 stopped=stopped,
                 say=lambda words: live_view.say(words, to_stderr=as_json),
+                prepare=numerics.enable,
             )
         live_view.say(f"{_why(ending)}; recorded to {ending.recording}", to_stderr=as_json)
         with output.progress(f"identify {ending.recording.name}") as progress:

@@ -26,16 +26,23 @@ function told(value, sd) {
   const places = digits(BAND * sd);
   return `${value.toFixed(places)} ± ${(BAND * sd).toFixed(places)}`;
 }
+// What the filter with the aerodynamics inside knows, while it keeps up.
+function within(live) {
+  const one = live.inside || {};
+  return one.phase === "known" && !(one.age_s > STALE_S) ? one : { state: {}, derivatives: {} };
+}
+function states(live) { return { ...live.state, ...within(live).state }; }
 function point(live) {
   const found = { t_us: live.written_us, age_s: live.state_age_s };
-  for (const group of [live.state, live.coefficients])
+  for (const group of [states(live), live.coefficients])
     for (const [name, item] of Object.entries(group || {}))
       if (!(item.age_s > STALE_S)) found[name] = [item.value, item.sd];
   return found;
 }
 function tiles(live) {
-  at("state").replaceChildren(...TILES.filter(([name]) => live.state[name]).map(([name, label, unit]) => {
-    const item = live.state[name], by = scale(name), tile = cell("div", "", "tile");
+  const shown = states(live);
+  at("state").replaceChildren(...TILES.filter(([name]) => shown[name]).map(([name, label, unit]) => {
+    const item = shown[name], by = scale(name), tile = cell("div", "", "tile");
     tile.dataset.name = name;
     tile.append(cell("span", label), cell("b", (by * item.value).toFixed(1).replace(/^-(0\.0)$/, "$1")),
       cell("span", `± ${(by * BAND * item.sd).toFixed(1)} ${unit}`));
@@ -46,9 +53,22 @@ function waiting(processes) {
   if (processes.phase !== "collecting") return processes.phase || "–";
   return `${processes.samples} of ${processes.wanted} samples`;
 }
+function inside(live) {
+  const one = live.inside || {}, known = Object.keys(within(live).derivatives).length > 0;
+  const words = {
+    collecting: `collecting a minute of flight, ${(one.collected_s || 0).toFixed(0)} of ${one.wanted_s || 60} s`,
+    fitting: "fitting gusts, noise and derivatives to a minute of flight",
+    known: known ? "airspeed, flow angles and derivatives here are its own" : "falls behind",
+  };
+  at("inside").hidden = !one.phase || one.phase === "off";
+  at("inside").textContent = `Aerodynamics inside the filter: ${words[one.phase] || one.phase}` +
+    (one.lost ? `; lost the aircraft ${one.lost} times.` : ".");
+  at("derivatives").textContent = known ? "derivatives, found inside the filter" : "first model: derivatives";
+}
 function model(live, late) {
+  const found = within(live).derivatives;
   const rows = Object.entries(live.coefficients).map(([name, item]) => {
-    const terms = Object.entries(live.derivatives[name] || {})
+    const terms = Object.entries(found[name] || live.derivatives[name] || {})
       .map(([key, term]) => cell("span", `${key === "1" ? "const" : key} ${told(term.value, term.sd)}`, "term"));
     const row = document.createElement("tr"), learned = cell("td", terms.length ? "" : "collecting", "wide");
     const processes = live.processes || {}, believed = (processes.coefficients || {})[name];
@@ -153,7 +173,7 @@ function show() {
   at("aircraft").textContent = newest.aircraft;
   at("phase").textContent = newest.phase;
   const waited = Math.max(late() - 1.5, 0);
-  tiles(newest); model(newest, waited); learning(newest); streams(newest, waited); alarms(newest, waited); plots();
+  tiles(newest); inside(newest); model(newest, waited); learning(newest); streams(newest, waited); alarms(newest, waited); plots();
 }
 function follow() {
   const events = new EventSource("/events");
