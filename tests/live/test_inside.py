@@ -84,7 +84,8 @@ def test_rows_are_those_of_the_batch_run(live, listened, aircraft: Aircraft) -> 
             np.asarray(getattr(one.measured, group))[places][both]
             for one, places in ((rows, here), (batch, there))
         )
-        same = np.all(np.abs(values - others) < 1e-6, axis=1)
+        # True airspeed is by the last pressure heard, here, and by one between two, there.
+        same = np.all(np.abs(values - others) < 5e-3, axis=1)
         assert np.mean(same) > 0.98, group
         ages, olds = rows.measured.age[here, index][both], batch.measured.age[there, index][both]
         assert np.max(np.abs(ages - olds)[same]) < 1e-6, group
