@@ -88,7 +88,8 @@ def test_rows_are_those_of_the_batch_run(live, listened, aircraft: Aircraft) -> 
         same = np.all(np.abs(values - others) < 5e-3, axis=1)
         assert np.mean(same) > 0.98, group
         ages, olds = rows.measured.age[here, index][both], batch.measured.age[there, index][both]
-        assert np.max(np.abs(ages - olds)[same]) < 1e-6, group
+        # Messages without a stamp are where they arrived, here, and on a clock of their own, there.
+        assert np.max(np.abs(ages - olds)[same]) < (0.02 if group == "airspeed" else 1e-6), group
 
 
 def places_of(samples: np.ndarray) -> dict[tuple[float, ...], int]:
