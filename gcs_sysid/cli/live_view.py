@@ -170,13 +170,6 @@ def _measured(item: Mapping[str, Any]) -> Any:
     return Text.assemble((number, "strike" if _stale(item) else ""), (_aged(item), "bold red"))
 
 
-def _inside(document: Document) -> Document:
-    """What the filter with the aerodynamics inside knows, while it keeps up."""
-    found = document.get("inside", {})
-    known = found.get("phase") == "known" and not _stale(found)
-    return found if known else {"state": {}, "derivatives": {}}
-
-
 def table(document: Document) -> Any:
     """The whole document as a rich table."""
     from rich.console import Group
@@ -185,13 +178,11 @@ def table(document: Document) -> Any:
 
     head = Text(f"{document['aircraft']}  {document['link']}  {document['phase']}", style="bold")
     pieces: list[Any] = [head, *(Text(words, style="bold red") for words in _old(document))]
-    inside = _inside(document)
     if document["state"]:
-        states = {**document["state"], **inside["state"]}
         pieces.append(
             Text(
                 "  ".join(
-                    _state(name, states[name])
+                    _state(name, document["state"][name])
                     for name in ("V", "alpha", "beta", "roll", "pitch", "yaw")
                 )
             )
@@ -208,10 +199,11 @@ def table(document: Document) -> Any:
         grid.add_column("")
         grid.add_column("measured ± 95 %")
         grid.add_column("processes ± 95 %")
-        by = "inside the filter" if inside["derivatives"] else "first model"
-        grid.add_column(f"{by}: derivatives ± 95 %")
+        # Files of an earlier version only know the first model.
+        by = document.get("derivatives_by", "first model")
+        grid.add_column(f"derivatives, {by} ± 95 %")
         for name, item in document["coefficients"].items():
-            terms = {**document["derivatives"], **inside["derivatives"]}.get(name, {})
+            terms = document["derivatives"].get(name, {})
             words = "   ".join(
                 f"{'const' if key == '1' else key} {_number(term['value'], BAND * term['sd'])}"
                 for key, term in terms.items()

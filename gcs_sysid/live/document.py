@@ -15,11 +15,13 @@ from gcs_sysid.live.causes import likely
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.filter import Estimate
 from gcs_sysid.live.inside import FIRST_S
-from gcs_sysid.live.regression import Solution
+from gcs_sysid.live.regression import Solution, TermEstimate
 from gcs_sysid.live.station import Station
 from gcs_sysid.model.kinematics import BLOCKS
 
 SCHEMA = 1
+FRESH_S = 3.0
+"""What the filter with the aerodynamics inside says is shown while it is no older [s]."""
 
 
 class Outside(NamedTuple):
@@ -52,6 +54,8 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
     learned = processes.document(station.processes, here(station))
     departs = station.departures.told()
     outside, now_us = bare(station, around), around.now_us
+    within = inside(station, now_us)
+    keeps_up = within["age_s"] is not None and within["age_s"] <= FRESH_S
     return {
         **outside,
         "time_us": None
@@ -61,12 +65,11 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
         if newest is None or now_us is None
         else round((now_us - newest.row.link_us) * 1e-6, 3),
         "inertial_delay_s": round(station.rows.inertial_delay, 5),
-        "state": {} if newest is None else state(newest),
+        "state": {} if newest is None else state(newest) | (within["state"] if keeps_up else {}),
         "coefficients": coefficients(station, now_us),
-        "derivatives": {
-            name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
-            for name, terms in known.items()
-        },
+        "derivatives": within["derivatives"] if keeps_up else _told(known),
+        "derivatives_by": "inside the filter" if keeps_up else "first model",
+        "first_model": _told(known),
         "departures": {
             name: {
                 "since_us": None if epoch is None else epoch + round(one.since * 1e6),
@@ -83,7 +86,7 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
         "maneuvers": station.maneuvers.legs(epoch),
         "suggestions": advice.suggestions(station.aircraft, taught),
         "processes": learned,
-        "inside": inside(station, now_us),
+        "inside": within,
         "map": known_where(station, solved),
         "latency": {
             "packet_to_update": station.latency.percentiles(),
@@ -110,6 +113,8 @@ def bare(station: Station, around: Outside) -> dict[str, Any]:
         "inertial_delay_s": None,
         "health": dict(around.health),
         **{name: {} for name in ("state", "coefficients", "derivatives", "departures")},
+        "derivatives_by": "first model",
+        "first_model": {},
         "causes": [],
         "alarms": [
             {"kind": "failed", "what": one.what, "since_us": one.first_us, "words": one.words}
@@ -186,10 +191,16 @@ def inside(station: Station, now_us: int | None) -> dict[str, Any]:
                 strict=True,
             )
         },
-        "derivatives": {
-            name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
-            for name, terms in running.derivatives().items()
-        },
+        "derivatives": _told(running.derivatives()),
+    }
+
+
+def _told(
+    derivatives: Mapping[str, Mapping[str, TermEstimate]],
+) -> dict[str, dict[str, dict[str, float]]]:
+    return {
+        name: {key: {"value": term.value, "sd": term.deviation} for key, term in terms.items()}
+        for name, terms in derivatives.items()
     }
 
 

@@ -26,23 +26,16 @@ function told(value, sd) {
   const places = digits(BAND * sd);
   return `${value.toFixed(places)} ± ${(BAND * sd).toFixed(places)}`;
 }
-// What the filter with the aerodynamics inside knows, while it keeps up.
-function within(live) {
-  const one = live.inside || {};
-  return one.phase === "known" && !(one.age_s > STALE_S) ? one : { state: {}, derivatives: {} };
-}
-function states(live) { return { ...live.state, ...within(live).state }; }
 function point(live) {
   const found = { t_us: live.written_us, age_s: live.state_age_s };
-  for (const group of [states(live), live.coefficients])
+  for (const group of [live.state, live.coefficients])
     for (const [name, item] of Object.entries(group || {}))
       if (!(item.age_s > STALE_S)) found[name] = [item.value, item.sd];
   return found;
 }
 function tiles(live) {
-  const shown = states(live);
-  at("state").replaceChildren(...TILES.filter(([name]) => shown[name]).map(([name, label, unit]) => {
-    const item = shown[name], by = scale(name), tile = cell("div", "", "tile");
+  at("state").replaceChildren(...TILES.filter(([name]) => live.state[name]).map(([name, label, unit]) => {
+    const item = live.state[name], by = scale(name), tile = cell("div", "", "tile");
     tile.dataset.name = name;
     tile.append(cell("span", label), cell("b", (by * item.value).toFixed(1).replace(/^-(0\.0)$/, "$1")),
       cell("span", `± ${(by * BAND * item.sd).toFixed(1)} ${unit}`));
@@ -54,21 +47,21 @@ function waiting(processes) {
   return `${processes.samples} of ${processes.wanted} samples`;
 }
 function inside(live) {
-  const one = live.inside || {}, known = Object.keys(within(live).derivatives).length > 0;
+  const one = live.inside || {}, known = live.derivatives_by === "inside the filter";
   const words = {
-    collecting: `collecting a minute of flight, ${(one.collected_s || 0).toFixed(0)} of ${one.wanted_s || 60} s`,
+    collecting: `collecting a minute of flight, ${(one.collected_s || 0).toFixed(0)} of ${one.wanted_s} s`,
     fitting: "fitting gusts, noise and derivatives to a minute of flight",
-    known: known ? "airspeed, flow angles and derivatives here are its own" : "falls behind",
+    known: known ? "airspeed, flow angles and derivatives shown here are its own"
+      : one.age_s === null ? "beginning" : `catching up, ${(one.age_s || 0).toFixed(0)} s behind`,
   };
   at("inside").hidden = !one.phase || one.phase === "off";
   at("inside").textContent = `Aerodynamics inside the filter: ${words[one.phase] || one.phase}` +
-    (one.lost ? `; lost the aircraft ${one.lost} times.` : ".");
-  at("derivatives").textContent = known ? "derivatives, found inside the filter" : "first model: derivatives";
+    (one.lost ? `; begun anew ${one.lost} times.` : ".");
+  at("derivatives").textContent = `derivatives: ${live.derivatives_by || "first model"}`;
 }
 function model(live, late) {
-  const found = within(live).derivatives;
   const rows = Object.entries(live.coefficients).map(([name, item]) => {
-    const terms = Object.entries(found[name] || live.derivatives[name] || {})
+    const terms = Object.entries(live.derivatives[name] || {})
       .map(([key, term]) => cell("span", `${key === "1" ? "const" : key} ${told(term.value, term.sd)}`, "term"));
     const row = document.createElement("tr"), learned = cell("td", terms.length ? "" : "collecting", "wide");
     const processes = live.processes || {}, believed = (processes.coefficients || {})[name];
