@@ -198,4 +198,8 @@ def _compile(task: Task, found: Found) -> None:
 
 def _serve(prepare: Callable[[], None], task: Task, there: Connection) -> None:
     prepare()
-    there.send(fitted(task))
+    found = fitted(task)
+    if found is not None:
+        # Here too: what is compiled is kept, and the listener, whose memory lasts, only reads it.
+        _compile(task, found)
+    there.send(found)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.live.commands import Commands
-from gcs_sysid.live.filter import Estimate
+from gcs_sysid.live.filter import Estimate, flown
 from gcs_sysid.model import aided, runge_kutta
 from gcs_sysid.model.aided import State
 from gcs_sysid.model.kinematics import BLOCKS, MEASURED, Measurements
@@ -164,9 +164,9 @@ class InsideRows:
         attitude = np.stack([one.estimate.attitude for one in kept])
         turns = np.sum(np.diff(attitude, axis=0) ** 2, axis=1) > 2.0
         signs = np.cumprod(np.concatenate([[1.0], np.where(turns, -1.0, 1.0)]))
-        flow = np.stack([one.estimate.flow for one in kept])
+        speed = flown([one.estimate for one in kept]).flow[:, :1]
         first = aided_flight.first_states(
-            *(attitude * signs[:, None], velocity, wind, gust, gyro - bias, flow[:, :1], lever)
+            *(attitude * signs[:, None], velocity, wind, gust, gyro - bias, speed, lever)
         )
         return Batch(made, first, time)
 
