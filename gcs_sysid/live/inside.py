@@ -25,7 +25,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate import in_common, scoring
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.result import Prior
-from gcs_sysid.live import inside_fit
+from gcs_sysid.live import inside_fit, inside_rows
 from gcs_sysid.live.commands import Commands
 from gcs_sysid.live.filter import Estimate
 from gcs_sysid.live.inside_fit import Found, Task
@@ -51,8 +51,8 @@ What is wrong in the intensities that a minute told bends derivatives however lo
 three flights (seeds 7000 to 7002 of `bench_live_inside.py`) errors after four minutes were those
 after one, and stated deviations of a filter that believed in constants half as large. In balance
 with what more flight tells, this leaves what 85 seconds tell."""
-CATCHING_UP = 3
-"""Rows taken at each estimate while the filter is behind."""
+CATCHING_UP = 2.0
+"""Flight that is taken in while a second of it comes [s], as long as rows wait."""
 PREFIX = "inside."
 _AIR = "turbulence"
 
@@ -101,12 +101,14 @@ class Inside:
         prior: Mapping[str, Prior] | None,
         fit: Callable[[Task], Future[Found | None]] | None,
     ) -> None:
-        self._aircraft, self._prior, self._fit = aircraft, prior, fit
+        # A file without aerodynamics believes in nothing.
+        self._aircraft, self._prior, self._fit = aircraft, prior or None, fit
         self._maker = InsideRows(aircraft, commands)
-        start = inside_fit.first_terms(aircraft, prior)
+        start = inside_fit.first_terms(aircraft, self._prior)
         self._model = FlightModel(aided_flight.with_structure(aircraft, start))
         self._batches: deque[Batch] = deque(maxlen=MOST)
         self._place = 0
+        self._time, self._owed = -math.inf, 0.0
         self._coming: Future[Found | None] | None = None
         self._learned: _Learned | None = None
         self._filter: AidedFilter | None = None
@@ -172,9 +174,16 @@ class Inside:
         if self._coming is not None and self._coming.done():
             self._begin(self._coming)
         if self._learned is not None:
-            self._move_on()
+            self._move_on(estimate.row.time)
         elif batch is not None and self._coming is None and self.collected >= FIRST_S:
             self._coming = self._fit(self._task(estimate, noise, used))
+
+    def compile_all(
+        self, estimate: Estimate, noise: KinematicNoise, used: Mapping[str, str]
+    ) -> None:
+        """Compiles what the filter will need, on what was collected, which is then given up."""
+        if self._batches:
+            inside_fit.compile_for(self._task(estimate, noise, used))
 
     def _task(self, estimate: Estimate, noise: KinematicNoise, used: Mapping[str, str]) -> Task:
         """What was collected, to be fitted."""
@@ -221,19 +230,21 @@ class Inside:
             self._model, means, covariance, positive(log_noise), beginning, moved, drift
         )
 
-    def _move_on(self) -> None:
-        """Takes in rows that wait: one, or some where there are many."""
-        behind = len(self._batches) > 2
-        for _ in range(CATCHING_UP if behind else 1):
-            if not self._batches:
-                return
+    def _move_on(self, time: float) -> None:
+        """Takes in rows that wait, little by little: between two estimates others wait."""
+        passed, self._time = time - self._time, time
+        self._owed += CATCHING_UP * min(max(passed, 0.0), inside_rows.HOLE_S)
+        while self._batches and self._owed > 0.0:
             batch = self._batches[0]
+            self._owed -= float(batch.rows.step[self._place])
             self._one(batch, self._place)
             self._place += 1
             if self._place == BATCH:
                 self._place = 0
                 if self._batches:
                     self._batches.popleft()
+        if not self._batches:
+            self._owed = 0.0
 
     def _one(self, batch: Batch, place: int) -> None:
         row = jax.tree.map(lambda part: part[place], batch.rows)

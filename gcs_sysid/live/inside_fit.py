@@ -12,6 +12,7 @@ import threading
 import time as clock
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import NamedTuple
@@ -30,6 +31,7 @@ from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
+from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Row, State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight
@@ -92,15 +94,19 @@ def first_terms(
     return {name: dict(terms) for name, terms in mean.items()}
 
 
-def fitted(task: Task) -> Found | None:
-    """Fits a flight; None where the filter loses the aircraft."""
-    if hasattr(os, "nice"):
-        os.nice(PATIENT)
-    begun_at = clock.perf_counter()
+class _Beginning(NamedTuple):
+    """Where a search begins; see `filter_error.fit`."""
+
+    model: FlightModel
+    flight: Flight
+    first: Unknowns
+    beliefs: Beliefs
+
+
+def _beginning(task: Task) -> _Beginning:
     aircraft, rows, states = task.aircraft, task.rows, task.states
-    mean, sigma = inside_filter.beliefs(
-        regressors.default_structure(aircraft), task.prior, aircraft
-    )
+    structure = regressors.default_structure(aircraft)
+    mean, sigma = inside_filter.beliefs(structure, task.prior, aircraft)
     start = first_terms(aircraft, task.prior)
     model = FlightModel(aided_flight.with_structure(aircraft, start))
     first_state = jax.tree.map(lambda part: part[0], states)
@@ -116,11 +122,17 @@ def fitted(task: Task) -> Found | None:
         np.diag(np.asarray(ravel_pytree(wide.means)[0]) ** 2),
         NoisePrior(prior.log_noise, wide.log_noise),
     )
-    count = rows.step.size
+    return _Beginning(model, flight, first, beliefs)
+
+
+def fitted(task: Task) -> Found | None:
+    """Fits a flight; None where the filter loses the aircraft."""
+    if hasattr(os, "nice"):
+        os.nice(PATIENT)
+    begun_at, count = clock.perf_counter(), task.rows.step.size
+    every = np.ones(count, dtype=bool)
     try:
-        fit = filter_error.fit(
-            model, flight, first, beliefs, np.ones(count, dtype=bool), lambda _: None
-        )
+        fit = filter_error.fit(*_beginning(task), every, lambda _: None)
     except LostError:
         return None
     last = jax.tree.map(lambda part: np.asarray(part)[count - 1], fit.states)
@@ -132,6 +144,13 @@ def fitted(task: Task) -> Found | None:
         converged=fit.converged,
         seconds=clock.perf_counter() - begun_at,
     )
+
+
+def compile_for(task: Task) -> None:
+    """What the filter beside the flight will need, before there is anything to begin it with."""
+    _, flight, first, beliefs = _beginning(task)
+    none = np.zeros((aided.SIZE, beliefs.mean.size))
+    _compile(task, Found(first, beliefs.covariance, flight.beginning, none, True, 0.0))
 
 
 class Beside:
@@ -174,6 +193,7 @@ class Beside:
                 process.terminate()
             found = here.recv()
             if found is not None:
+                # What of it `compile_for` has not foreseen.
                 _compile(task, found)
             coming.set_result(found)
         except EOFError:
@@ -199,7 +219,6 @@ def _compile(task: Task, found: Found) -> None:
 def _serve(prepare: Callable[[], None], task: Task, there: Connection) -> None:
     prepare()
     found = fitted(task)
-    if found is not None:
-        # Here too: what is compiled is kept, and the listener, whose memory lasts, only reads it.
-        _compile(task, found)
-    there.send(found)
+    # Who asked may have been killed.
+    with suppress(OSError):
+        there.send(found)

@@ -161,7 +161,10 @@ def run(
             if bus is not None:
                 beside = LinkReader(bus, mailbox, clock_us=clock.us, number=BUS)
                 running.enter_context(beside)
-            running.enter_context(warming.started(aircraft, compiled, session.ready))
+            compiling = warming.started(
+                *(aircraft, compiled, believed, session.ready), inside=fit is not None
+            )
+            running.enter_context(compiling)
             running.callback(station.processes.close)
             if fit is not None:
                 running.callback(fit.close)

@@ -9,11 +9,13 @@ from __future__ import annotations
 import gc
 import math
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate.result import Prior
+from gcs_sysid.live import heap
 from gcs_sysid.live.filter import START_S
 from gcs_sysid.live.flying import slowest
 from gcs_sysid.live.station import Compiled, Station
@@ -27,18 +29,36 @@ _STEP_S = 0.02
 
 @contextmanager
 def started(
-    aircraft: Aircraft, compiled: Compiled, ready: threading.Event
+    aircraft: Aircraft,
+    compiled: Compiled,
+    prior: Mapping[str, Prior] | None,
+    ready: threading.Event,
+    *,
+    inside: bool,
 ) -> Generator[threading.Thread, None, None]:
-    """Compiles in a thread of its own and then sets `ready`; leaving waits for its end."""
+    """Compiles in a thread of its own and then sets `ready`; leaving waits for its end.
+
+    Args:
+        aircraft: its file.
+        compiled: functions of the same aircraft.
+        prior: derivatives believed before.
+        ready: set when the flight can be filtered.
+        inside: whether the filter with the aerodynamics inside, which comes a minute later, is
+            compiled after that.
+    """
 
     def compile_all() -> None:
         try:
-            warm(aircraft, compiled)
-            # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
-            gc.collect()
-            gc.freeze()
+            station = warm(aircraft, compiled, prior)
         finally:
             ready.set()
+        newest = station.newest
+        if inside and newest is not None:
+            station.inside.compile_all(newest, station.filter.noise, station.rows.used)
+        # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
+        gc.collect()
+        gc.freeze()
+        heap.give_back()
 
     thread = threading.Thread(target=compile_all, name="compile", daemon=True)
     thread.start()
@@ -48,13 +68,16 @@ def started(
         thread.join()
 
 
-def warm(aircraft: Aircraft, compiled: Compiled) -> None:
-    """Runs every function once that a flight of this aircraft will need."""
+def warm(
+    aircraft: Aircraft, compiled: Compiled, prior: Mapping[str, Prior] | None = None
+) -> Station:
+    """Runs every function once that a flight of this aircraft will need; returns what ran them."""
     station = Station(
-        aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0, fit=lambda _: Future()
+        aircraft, compiled, prior=prior, vehicle=None, clock_us=lambda: 0, fit=lambda _: Future()
     )
     station.take(_flight(aircraft))
     station.work(1)
+    return station
 
 
 def _flight(aircraft: Aircraft) -> Iterator[Sample]:

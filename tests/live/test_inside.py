@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -14,6 +16,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.cli import numerics
 from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.live import inside, inside_fit
@@ -190,9 +193,12 @@ def going(
     found._maker = Given(listened.batches)  # ty: ignore[invalid-assignment]
     noise, used = listened.station.filter.noise, {"accelerometer": "RAW_IMU"}
 
+    last, taken = listened.estimates[-1], itertools.count()
+
     def on(count: int) -> None:
-        for _ in range(count):
-            found.take(listened.estimates[-1], noise, np.zeros(3), used)
+        for number in itertools.islice(taken, count):
+            row = replace(last.row, time=last.row.time + 0.02 * number)
+            found.take(replace(last, row=row), noise, np.zeros(3), used)
 
     return found, on
 
@@ -305,9 +311,35 @@ def test_what_an_unknown_command_moved_is_not_fitted(
     assert off.phase == "off"
 
 
-def test_a_process_of_its_own_fits_or_says_why_not(
-    listened, aircraft: Aircraft, compiled: Compiled
+def test_a_process_of_its_own_fits_what_was_flown(
+    listened, aircraft: Aircraft, compiled: Compiled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Half a minute with an elevator and a rudder input, by an aircraft that its file has wrong."""
+    monkeypatch.setattr(inside, "FIRST_S", 30.0)
+    fit = Fitting()
+    one, on = going(listened, aircraft, compiled, fit)
+    on(1700)
+    assert one.phase == "fitting"
+    found = inside_fit.Beside(numerics.enable)(fit.task).result(timeout=600.0)
+    assert found is not None
+    assert found.converged
+    flown = json.loads(DEMO.with_name("demo_truth.json").read_text())["flown"]["aerodynamics"]
+    keys = in_common.derivative_keys(found.unknowns.means.aerodynamics)
+    deviation = np.sqrt(np.diagonal(found.covariance))[: len(keys)]
+    off = []
+    for (name, key), spread in zip(keys, deviation, strict=True):
+        believed = aircraft.aerodynamics[name].terms.get(key)
+        true = flown.get(name, {}).get(key, 0.0 if believed is None else believed.value)
+        off.append((float(found.unknowns.means.aerodynamics[name][key]) - true) / spread)
+    assert np.mean(np.abs(off) < 2.0) > 0.8
+    assert np.max(np.abs(off)) < 5.0
+    fit.coming.set_result(found)
+    on(100)
+    assert one.phase == "known"
+    assert one.excess < 3.0
+
+
+def test_a_process_that_ends_is_told(listened, aircraft: Aircraft, compiled: Compiled) -> None:
     fit = Fitting()
     _, on = going(listened, aircraft, compiled, fit)
     on(600)
