@@ -89,7 +89,6 @@ class Inside:
         fit: has a minute fitted, elsewhere; None fits nothing.
 
     Attributes:
-        rows: made of estimates so far.
         lost: how often the filter lost the aircraft.
         failed: why there is no fit; empty where there is or may be.
     """
@@ -113,7 +112,6 @@ class Inside:
         self._learned: _Learned | None = None
         self._filter: AidedFilter | None = None
         self._newest: tuple[float, Row] | None = None
-        self.rows = 0
         self.lost = 0
         self.failed = ""
 
@@ -165,7 +163,6 @@ class Inside:
             return
         batch = self._maker.take(estimate, lever)
         if batch is not None:
-            self.rows += BATCH
             if self.phase == "collecting" and not batch.rows.modelled.all():
                 # Nothing is to be learned where nobody knows what was commanded.
                 self._batches.clear()
@@ -217,6 +214,8 @@ class Inside:
         drift = found.covariance / AGEING_S
         self._learned = _Learned(found.unknowns, found.covariance, drift)
         self._place = 0
+        # What waits follows the minute, unless too much did, or there was a hole. Where nothing waits
+        # yet nobody knows whether it will.
         whole = len(self._batches) < MOST and self._batches and self._batches[0].rows.step[0] > 0.0
         self._filter = self._filtering(found.beginning, found.moved) if whole else None
 
