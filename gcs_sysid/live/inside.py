@@ -214,9 +214,9 @@ class Inside:
         drift = found.covariance / AGEING_S
         self._learned = _Learned(found.unknowns, found.covariance, drift)
         self._place = 0
-        # What waits follows the minute, unless too much did, or there was a hole. Where nothing waits
-        # yet nobody knows whether it will.
-        whole = len(self._batches) < MOST and self._batches and self._batches[0].rows.step[0] > 0.0
+        # What waits follows the minute, unless too much did, or there was a hole.
+        hole = any(batch.rows.step[0] == 0.0 for batch in list(self._batches)[:1])
+        whole = len(self._batches) < MOST and not hole
         self._filter = self._filtering(found.beginning, found.moved) if whole else None
 
     def _filtering(
