@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import math
 import threading
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 
@@ -49,12 +49,11 @@ def started(
 
     def compile_all() -> None:
         try:
-            station = warm(aircraft, compiled, prior)
+            rest = warm(aircraft, compiled, prior)
         finally:
             ready.set()
-        newest = station.newest
-        if inside and newest is not None:
-            station.inside.compile_all(newest, station.filter.noise, station.rows.used)
+        if inside:
+            rest()
         # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
         gc.collect()
         gc.freeze()
@@ -70,14 +69,23 @@ def started(
 
 def warm(
     aircraft: Aircraft, compiled: Compiled, prior: Mapping[str, Prior] | None = None
-) -> Station:
-    """Runs every function once that a flight of this aircraft will need; returns what ran them."""
+) -> Callable[[], None]:
+    """Runs every function once that a flight of this aircraft will need.
+
+    Returns:
+        What does so for the filter with the aerodynamics inside, which begins a minute later.
+    """
     station = Station(
         aircraft, compiled, prior=prior, vehicle=None, clock_us=lambda: 0, fit=lambda _: Future()
     )
     station.take(_flight(aircraft))
     station.work(1)
-    return station
+
+    def rest() -> None:
+        if station.newest is not None:
+            station.inside.compile_all(station.newest, station.filter.noise, station.rows.used)
+
+    return rest
 
 
 def _flight(aircraft: Aircraft) -> Iterator[Sample]:

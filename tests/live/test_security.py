@@ -38,7 +38,7 @@ def sent(
     silent: bool = False,
 ) -> list:
     """What reaches a vehicle that sends a little, and never answers a request."""
-    monkeypatch.setattr(warming, "warm", lambda _aircraft, _compiled: None)
+    monkeypatch.setattr(warming, "warm", lambda *_: lambda: None)
     time, parser, found = Ticking(played[0][0]), dialect.MAVLink(None), []
     looked = [0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
