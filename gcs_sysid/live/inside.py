@@ -89,6 +89,7 @@ class Inside:
         fit: has a minute fitted, elsewhere; None fits nothing.
 
     Attributes:
+        compiling: whether what the filter needs is being compiled still, elsewhere.
         lost: how often the filter lost the aircraft.
         failed: why there is no fit; empty where there is or may be.
     """
@@ -112,19 +113,22 @@ class Inside:
         self._learned: _Learned | None = None
         self._filter: AidedFilter | None = None
         self._newest: tuple[float, Row] | None = None
+        self.compiling = False
         self.lost = 0
         self.failed = ""
 
     @property
     def phase(self) -> str:
-        """What is going on: off, collecting, fitting, known, or failed and why."""
+        """What is going on: off, compiling, collecting, fitting, known, or failed and why."""
         if self._fit is None:
             return "off"
         if self._filter is not None:
             return "known"
         if self._coming is not None:
             return "fitting"
-        return f"failed: {self.failed}" if self.failed else "collecting"
+        if self.failed:
+            return f"failed: {self.failed}"
+        return "compiling" if self.compiling else "collecting"
 
     @property
     def collected(self) -> float:
@@ -163,7 +167,8 @@ class Inside:
             return
         batch = self._maker.take(estimate, lever)
         if batch is not None:
-            if self.phase == "collecting" and not batch.rows.modelled.all():
+            waits = self._learned is None and self._coming is None
+            if waits and not batch.rows.modelled.all():
                 # Nothing is to be learned where nobody knows what was commanded.
                 self._batches.clear()
             else:

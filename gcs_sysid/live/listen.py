@@ -161,9 +161,7 @@ def run(
             if bus is not None:
                 beside = LinkReader(bus, mailbox, clock_us=clock.us, number=BUS)
                 running.enter_context(beside)
-            compiling = warming.started(
-                *(aircraft, compiled, believed, session.ready), inside=fit is not None
-            )
+            compiling = warming.started(aircraft, compiled, believed, session.ready, station.inside)
             running.enter_context(compiling)
             running.callback(station.processes.close)
             if fit is not None:

@@ -18,6 +18,7 @@ from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live import heap
 from gcs_sysid.live.filter import START_S
 from gcs_sysid.live.flying import slowest
+from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import GRAVITY
 from gcs_sysid.reconstruct import rates
@@ -33,8 +34,7 @@ def started(
     compiled: Compiled,
     prior: Mapping[str, Prior] | None,
     ready: threading.Event,
-    *,
-    inside: bool,
+    inside: Inside,
 ) -> Generator[threading.Thread, None, None]:
     """Compiles in a thread of its own and then sets `ready`; leaving waits for its end.
 
@@ -43,8 +43,8 @@ def started(
         compiled: functions of the same aircraft.
         prior: derivatives believed before.
         ready: set when the flight can be filtered.
-        inside: whether the filter with the aerodynamics inside, which comes a minute later, is
-            compiled after that.
+        inside: the filter with the aerodynamics inside, which comes a minute later: compiled after
+            that, unless it is off.
     """
 
     def compile_all() -> None:
@@ -52,13 +52,17 @@ def started(
             rest = warm(aircraft, compiled, prior)
         finally:
             ready.set()
-        if inside:
-            rest()
+        try:
+            if inside.compiling:
+                rest()
+        finally:
+            inside.compiling = False
         # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
         gc.collect()
         gc.freeze()
         heap.give_back()
 
+    inside.compiling = inside.phase != "off"
     thread = threading.Thread(target=compile_all, name="compile", daemon=True)
     thread.start()
     try:

@@ -51,7 +51,11 @@ class Listener:
 
     def ready(self) -> None:
         """Waits until everything is compiled."""
-        self.until(lambda found: "compiled" not in found["phase"])
+        self.until(
+            lambda found: (
+                "compiled" not in found["phase"] and found["inside"]["phase"] != "compiling"
+            )
+        )
 
     def kill(self) -> str:
         """Ends it as a loss of power would; returns what it had said."""
