@@ -42,7 +42,7 @@ def pulses(
     time, sent = _reported(stream, channels)
     if time.size < LEAST_RATE:
         return time, sent
-    place = _places(time)
+    place = places(time)
     every = np.arange(place[-1] + 1)
     return np.interp(every, place, time), {
         channel: np.interp(every, place, values) for channel, values in sent.items()
@@ -76,7 +76,7 @@ def known(
         time, sent = _reported(stream, (channel,))
         if time.size < LEAST_RATE:
             continue
-        silent = (np.diff(_places(time)) == 1) & (np.diff(time) > _longest(time))
+        silent = (np.diff(places(time)) == 1) & (np.diff(time) > _longest(time))
         before, after = time[:-1][silent], time[1:][silent]
         change = np.abs(np.diff(sent[channel]))[silent] / travel
         change = np.where(after - before > LONG, np.maximum(change, COME_AND_GONE), change)
@@ -109,7 +109,7 @@ def _reported(
     return np.asarray(stream.time)[good], sent
 
 
-def _places(time: Float[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:
+def places(time: Float[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:
     """Numbers of the messages that arrived, where those that were lost between them have theirs.
 
     Of a stream at a steady rate only, and no more than `MOST_LOST` in a row: what is sent when it
