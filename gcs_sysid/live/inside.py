@@ -31,6 +31,7 @@ from gcs_sysid.live.filter import Estimate
 from gcs_sysid.live.inside_fit import Found, Task
 from gcs_sysid.live.inside_rows import BATCH, Batch, InsideRows
 from gcs_sysid.live.regression import TermEstimate
+from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Turbulence
 from gcs_sysid.model.flight_model import FlightModel
@@ -53,6 +54,8 @@ after one, and stated deviations of a filter that believed in constants half as 
 with what more flight tells, this leaves what 85 seconds tell."""
 CATCHING_UP = 2.0
 """Flight that is taken in while a second of it comes [s], as long as rows wait."""
+WIND_CHANGES = 0.5
+"""Of the steady wind over a hole in the data, one standard deviation of each component [m/s]."""
 PREFIX = "inside."
 _AIR = "turbulence"
 
@@ -276,11 +279,29 @@ class Inside:
             )
 
     def _again(self, state: State) -> AidedFilter | None:
-        """The filter begun anew at a state that kinematics have found."""
-        spread = jnp.diag(jnp.asarray(aided_flight.START_DEVIATION) ** 2)
-        count = 0 if self._learned is None else self._learned.covariance.shape[0]
-        none = np.zeros((aided_flight.START_DEVIATION.size, count))
-        return self._filtering(Beginning(state, spread), none)
+        """The filter begun anew where kinematics have the aircraft.
+
+        Not where they have the air: in gusts their flow angles are several degrees off, and a
+        filter that knows its derivatives would change these to make up for it. The steady wind is
+        that of before, gusts are unknown to their intensity.
+        """
+        if self._learned is None:
+            return None
+        gusts = positive(self._learned.unknowns.log_noise).turbulence
+        spread = aided_flight.START_DEVIATION.copy()
+        spread[aided.BLOCKS["gust"]] = gusts.gust
+        spread[aided.BLOCKS["spin"]] = gusts.spin
+        spread[aided.BLOCKS["tube"]] = np.linalg.norm(gusts.gust)
+        wind = state.air.wind
+        if self._filter is not None:
+            wind = np.asarray(self._filter.state.air.wind)
+            place = aided.BLOCKS["wind"]
+            known = np.sqrt(np.diagonal(self._filter.P)[place])
+            spread[place] = np.hypot(known, WIND_CHANGES)
+        still = jax.tree.map(np.zeros_like, state.air)._replace(wind=wind)
+        speed = np.array([np.linalg.norm(np.asarray(state.velocity - wind))])
+        begun = Beginning(state._replace(air=still, tube=speed), jnp.diag(spread**2))
+        return self._filtering(begun, np.zeros((aided.SIZE, self._learned.covariance.shape[0])))
 
     def newest(self) -> Newest | None:
         """Flow at the newest row; None before there is any."""

@@ -29,6 +29,10 @@ LAG_S = 0.3
 positions that a satellite receiver was late with."""
 HOLE_S = 0.5
 """Over a longer step [s] nothing is known of the air any more: rows begin anew."""
+SETTLED_S = 2.0
+"""Estimates of a kinematic filter that has just begun are left out for so long [s]. After a hole of
+five seconds in a flight an aided filter that began at the first one had innovations five times as
+large as they should be, and moved Cm_alpha by 2.5 of its deviations; so it moved by a tenth."""
 APART = 0.55
 """Of the longest step that the equations allow: rows are no closer than this."""
 
@@ -69,6 +73,7 @@ class InsideRows:
         self._commands = commands
         self._kept: list[_Kept] = []
         self._last: Estimate | None = None
+        self._begun: float | None = None
         self._longest = aided_flight.LONGEST_STEP
         self._measured: dict[str, deque[tuple[float, Float[np.ndarray, " value"]]]] = {
             group: deque(maxlen=4 * BATCH) for group in MEASURED
@@ -76,7 +81,7 @@ class InsideRows:
 
     def clear(self) -> None:
         """What comes next does not follow what came."""
-        self._kept, self._last = [], None
+        self._kept, self._last, self._begun = [], None, None
         for waiting in self._measured.values():
             waiting.clear()
 
@@ -99,6 +104,9 @@ class InsideRows:
         if last is not None and time - last.row.time > HOLE_S:
             self.clear()
             last = None
+        self._begun = time if self._begun is None else self._begun
+        if time - self._begun < SETTLED_S:
+            return
         self._wait(estimate)
         if last is None:
             speed = np.array([estimate.flow[0]])

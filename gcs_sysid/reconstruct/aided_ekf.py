@@ -140,7 +140,8 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         self._model, self._noise = model, noise
         self._drift = drift[np.ix_(self.sought, self.sought)]
         self._seen: tuple[Linearised, Float[np.ndarray, "row sought"]] | None = None
-        self._faded = np.zeros(2)
+        # As if all had been well: one row tells nothing of seconds.
+        self._faded = np.full(2, float(MEMORY))
         self.excess = 1.0
 
     @property
@@ -197,6 +198,6 @@ class AidedFilter(ExtendedKalmanFilter):  # filterpy ships no type information
         row = np.array([self.y @ self.SI @ self.y, np.count_nonzero(seen.present)])
         self._faded = (1.0 - 1.0 / MEMORY) * self._faded + row
         squares, count = self._faded
-        self.excess = float(squares / count) if count > 0.0 else 1.0
+        self.excess = float(squares / count)
         self.state, self.means = _folded(self.state, self.means, self.sought, self.x)
         self.x = np.zeros(self.dim_x)

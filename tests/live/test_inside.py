@@ -19,12 +19,12 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.cli import numerics
 from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.flight_rows import Flight
-from gcs_sysid.live import inside, inside_fit
+from gcs_sysid.live import inside, inside_fit, inside_rows
 from gcs_sysid.live.commands import Commands
 from gcs_sysid.live.filter import Estimate
 from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.inside_fit import Found, Task
-from gcs_sysid.live.inside_rows import BATCH, HOLE_S, Batch, InsideRows
+from gcs_sysid.live.inside_rows import BATCH, HOLE_S, SETTLED_S, Batch, InsideRows
 from gcs_sysid.live.station import Compiled
 from gcs_sysid.model import aided
 from gcs_sysid.offline import aided_flight, flight, maneuver_choice
@@ -103,9 +103,10 @@ def places_of(samples: np.ndarray) -> dict[tuple[float, ...], int]:
 
 
 def test_estimates_that_come_fast_are_thinned_and_lose_no_measurement(
-    listened, aircraft: Aircraft, compiled: Compiled
+    listened, aircraft: Aircraft, compiled: Compiled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Three times in the time of one: a third of them are rows, all measurements at some row."""
+    monkeypatch.setattr(inside_rows, "SETTLED_S", 0.0)
     maker = InsideRows(aircraft, Commands(aircraft, compiled.maps))
     fast, begun = listened.estimates[300:1500], listened.estimates[300].row.time
     quick = [
@@ -129,7 +130,8 @@ def test_over_a_hole_rows_begin_anew_and_small_ones_are_filled(
 ) -> None:
     maker = InsideRows(aircraft, Commands(aircraft, compiled.maps))
     every = listened.estimates[300:500]
-    lacking = every[:20] + every[24:]
+    settled = int(SETTLED_S * 50)
+    lacking = every[: settled + 20] + every[settled + 24 :]
     first = next(batch for one in lacking if (batch := maker.take(one, np.zeros(3))) is not None)
     assert first.rows.step[0] == 0.0
     assert np.all(first.rows.step[1:] > 0.0)
@@ -139,7 +141,7 @@ def test_over_a_hole_rows_begin_anew_and_small_ones_are_filled(
     after = listened.estimates[500 + int(2.0 * HOLE_S * 50) :]
     again = next(batch for one in after if (batch := maker.take(one, np.zeros(3))) is not None)
     assert again.rows.step[0] == 0.0
-    assert again.time[0] >= after[0].row.time
+    assert again.time[0] >= after[0].row.time + SETTLED_S
 
 
 class Given:
@@ -242,15 +244,22 @@ def test_it_collects_has_a_part_fitted_and_goes_on_from_there(
     assert known["Cm"]["elevator"].deviation < 0.1 * abs(aircraft_value(aircraft))
     assert 0.2 < one.excess < 4.0
 
-    # Over a hole only the state is begun anew.
+    # Over a hole the state is begun anew, in the wind of before, whatever kinematics have of it.
     one.clear()
+    assert one._filter is not None
+    wind = np.array(one._filter.state.air.wind)
     again = listened.batches[20]
-    step = np.array(again.rows.step)
+    step, air = np.array(again.rows.step), again.states.air
     step[0] = 0.0
-    one._maker = Given([again._replace(rows=again.rows._replace(step=step))])  # ty: ignore
+    blown = air._replace(wind=air.wind + 4.0, gust=air.gust - 3.0)
+    again = again._replace(
+        rows=again.rows._replace(step=step), states=again.states._replace(air=blown)
+    )
+    one._maker = Given([again])  # ty: ignore[invalid-assignment]
     one._batches.clear()
     one._place = 0
     on(BATCH + 1)
+    assert np.linalg.norm(np.asarray(one._filter.state.air.wind) - wind) < 1.0
     after = one.derivatives()
     assert one.phase == "known"
     assert after["Cm"]["elevator"].deviation <= known["Cm"]["elevator"].deviation * 1.001
