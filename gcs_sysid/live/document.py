@@ -129,7 +129,7 @@ def bare(station: Station, around: Outside) -> dict[str, Any]:
             "wanted": processes.FIRST,
             "coefficients": {},
         },
-        "inside": {"phase": station.inside.phase, "state": {}, "derivatives": {}},
+        "inside": {"phase": station.inside.known.phase, "state": {}, "derivatives": {}},
         "map": None,
         "latency": {name: dict.fromkeys(latency.NAMES) for name in ("packet_to_update", "update")},
         "counts": {
@@ -168,15 +168,15 @@ def state(estimate: Estimate) -> dict[str, dict[str, Any]]:
 
 def inside(station: Station, now_us: int | None) -> dict[str, Any]:
     """What the filter with the aerodynamics inside knows, and how old its state is."""
-    running, epoch = station.inside, station.rows.epoch_us
-    found, now = running.newest(), _log_now(station, now_us)
+    known, epoch = station.inside.known, station.rows.epoch_us
+    found, now = known.newest, _log_now(station, now_us)
     old = None if found is None or now is None else round(now - found.time, 3)
     return {
-        "phase": running.phase,
-        "collected_s": round(running.collected, 1),
+        "phase": known.phase,
+        "collected_s": round(known.collected, 1),
         "wanted_s": FIRST_S,
-        "lost": running.lost,
-        "excess": None if found is None else round(running.excess, 3),
+        "lost": known.lost,
+        "excess": None if found is None else round(known.excess, 3),
         "time_us": None if found is None or epoch is None else epoch + round(found.time * 1e6),
         "age_s": old,
         "state": {}
@@ -191,7 +191,7 @@ def inside(station: Station, now_us: int | None) -> dict[str, Any]:
                 strict=True,
             )
         },
-        "derivatives": _told(running.derivatives()),
+        "derivatives": _told(known.derivatives),
     }
 
 

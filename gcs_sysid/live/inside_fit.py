@@ -1,20 +1,9 @@
-"""A minute of flight fitted inside the filter: where the filter beside the flight begins.
-
-Runs in a process of its own, which gives way to everybody and ends: its compiled code and its
-matrices would otherwise stand in the listener's memory for the rest of the flight.
-"""
+"""A minute of flight fitted inside the filter: where the filter beside the flight begins."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import threading
 import time as clock
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from contextlib import suppress
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -31,16 +20,11 @@ from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
-from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Row, State
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_flight
 from gcs_sysid.offline.aided_flight import Kinematics
-from gcs_sysid.reconstruct.aided_ekf import AidedFilter
-from gcs_sysid.reconstruct.aided_smoother import Beginning, positive
-
-PATIENT = 10
-"""By how much it steps back for others, as `nice` counts it."""
+from gcs_sysid.reconstruct.aided_smoother import Beginning
 
 
 class Task(NamedTuple):
@@ -127,8 +111,6 @@ def _beginning(task: Task) -> _Beginning:
 
 def fitted(task: Task) -> Found | None:
     """Fits a flight; None where the filter loses the aircraft."""
-    if hasattr(os, "nice"):
-        os.nice(PATIENT)
     begun_at, count = clock.perf_counter(), task.rows.step.size
     every = np.ones(count, dtype=bool)
     try:
@@ -144,81 +126,3 @@ def fitted(task: Task) -> Found | None:
         converged=fit.converged,
         seconds=clock.perf_counter() - begun_at,
     )
-
-
-def compile_for(task: Task) -> None:
-    """What the filter beside the flight will need, before there is anything to begin it with."""
-    _, flight, first, beliefs = _beginning(task)
-    none = np.zeros((aided.SIZE, beliefs.mean.size))
-    _compile(task, Found(first, beliefs.covariance, flight.beginning, none, True, 0.0))
-
-
-class Beside:
-    """Fits in a process of its own.
-
-    Args:
-        prepare: called there before anything is computed.
-    """
-
-    def __init__(self, prepare: Callable[[], None]) -> None:
-        self._prepare = prepare
-        self._process: SpawnProcess | None = None
-        self._closed = False
-
-    def __call__(self, task: Task) -> Future[Found | None]:
-        """Begins to fit; the process ends when that is done."""
-        coming: Future[Found | None] = Future()
-        # In a thread: to start a process takes as long as dozens of messages.
-        threading.Thread(target=self._run, args=(task, coming), name="fit", daemon=True).start()
-        return coming
-
-    def close(self) -> None:
-        """Ends a process that still fits."""
-        self._closed = True
-        if self._process is not None:
-            self._process.terminate()
-
-    def _run(self, task: Task, coming: Future[Found | None]) -> None:
-        spawned = multiprocessing.get_context("spawn")
-        here, there = spawned.Pipe(duplex=False)
-        try:
-            # Ends with this program, however that ends.
-            process = spawned.Process(
-                target=_serve, args=(self._prepare, task, there), name="fit", daemon=True
-            )
-            self._process = process
-            process.start()
-            there.close()
-            if self._closed:
-                process.terminate()
-            found = here.recv()
-            if found is not None:
-                # What of it `compile_for` has not foreseen.
-                _compile(task, found)
-            coming.set_result(found)
-        except EOFError:
-            coming.set_exception(RuntimeError("the process that fits has ended"))
-        except Exception as error:  # noqa: BLE001 - told by whoever waits
-            coming.set_exception(error)
-
-
-def _compile(task: Task, found: Found) -> None:
-    """What the filter beside the flight needs, while nobody waits for it."""
-    start = first_terms(task.aircraft, task.prior)
-    model = FlightModel(aided_flight.with_structure(task.aircraft, start))
-    (means, log_noise), known = found.unknowns, found.covariance
-    running = AidedFilter(
-        model, means, known, positive(log_noise), found.beginning, found.moved, drift=known
-    )
-    row = jax.tree.map(lambda part: part[-1], task.rows)
-    running.predict(row)
-    running.observe()
-    running.flow(row)
-
-
-def _serve(prepare: Callable[[], None], task: Task, there: Connection) -> None:
-    prepare()
-    found = fitted(task)
-    # Who asked may have been killed.
-    with suppress(OSError):
-        there.send(found)

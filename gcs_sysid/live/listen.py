@@ -19,7 +19,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
 from gcs_sysid.live import showing, snapshot, warming
 from gcs_sysid.live.handing import Thing, handed_on
-from gcs_sysid.live.inside_fit import Beside
+from gcs_sysid.live.inside_beside import Beside
 from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session
 from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Compiled, Station
@@ -114,8 +114,8 @@ def run(
         stopped: whether the user wants to end.
         say: takes a sentence for the user, now and then.
         clock: time.
-        prepare: called in the process that fits a minute of flight inside the filter, before it
-            computes; None leaves the aerodynamics out of the filter.
+        prepare: called in the process of the filter with the aerodynamics inside, before it
+            computes; None leaves that filter out.
 
     Raises:
         SourceError: a link cannot be opened, nothing at all arrived, or the recording failed.
@@ -124,9 +124,14 @@ def run(
     sys.setswitchinterval(SWITCH_S)
     believed = file_prior(aircraft) if options.prior == "file" else None
     compiled = Compiled(aircraft)
-    fit = None if prepare is None else Beside(prepare)
+    inside = None if prepare is None else Beside(prepare, aircraft, believed)
     station = Station(
-        aircraft, compiled, prior=believed, vehicle=options.vehicle, clock_us=clock.us, fit=fit
+        aircraft,
+        compiled,
+        prior=believed,
+        vehicle=options.vehicle,
+        clock_us=clock.us,
+        inside=inside,
     )
     if options.can is not None and not options.can.startswith(BUS_SCHEME):
         raise SourceError(options.can, "is no CAN bus", fix="write it as can:socketcan:can0")
@@ -161,11 +166,10 @@ def run(
             if bus is not None:
                 beside = LinkReader(bus, mailbox, clock_us=clock.us, number=BUS)
                 running.enter_context(beside)
-            compiling = warming.started(aircraft, compiled, believed, session.ready, station.inside)
-            running.enter_context(compiling)
+            running.enter_context(warming.started(aircraft, compiled, believed, session.ready))
             running.callback(station.processes.close)
-            if fit is not None:
-                running.callback(fit.close)
+            if inside is not None:
+                running.callback(inside.close)
             why = _listen(session, stopped, options.quiet_after)
         note = _line(main).broken or ("" if reader.failure is None else reader.failure.what)
         if session.heard:

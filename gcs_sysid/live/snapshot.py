@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gcs_sysid.errors import InputError
-from gcs_sysid.live.inside import Inside
+from gcs_sysid.live.inside_feed import InsideFeed
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.offline import documents
@@ -49,7 +49,7 @@ class Restored:
 def taken(
     model: RunningModel,
     processes: Processes,
-    inside: Inside,
+    inside: InsideFeed,
     *,
     time_us: int,
     updates: int,
@@ -88,7 +88,7 @@ def write(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     documents.write_atomic(path, fill)
 
 
-def restore(path: Path, model: RunningModel, processes: Processes, inside: Inside) -> Restored:
+def restore(path: Path, model: RunningModel, processes: Processes, inside: InsideFeed) -> Restored:
     """Lets all three go on from a snapshot of those of the same structure.
 
     Raises:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future
 
 import numpy as np
 
@@ -25,8 +24,8 @@ from gcs_sysid.live.envelope_map import EnvelopeMap
 from gcs_sysid.live.failures import Failures
 from gcs_sysid.live.filter import Estimate, LiveFilter
 from gcs_sysid.live.flying import FlyingWatch
-from gcs_sysid.live.inside import Inside
-from gcs_sysid.live.inside_fit import Found, Task
+from gcs_sysid.live.inside_feed import InsideFeed
+from gcs_sysid.live.inside_known import Filtering
 from gcs_sysid.live.latency import Latency
 from gcs_sysid.live.maneuver import ManeuverWatch
 from gcs_sysid.live.processes import Processes
@@ -68,8 +67,7 @@ class Station:
         vehicle: MAVLink system id to follow; None takes the first autopilot heard.
         clock_us: the ground station's clock [µs since 1970].
         observer: told every estimate; for those who want more than the newest.
-        fit: has a minute of flight fitted, elsewhere; None leaves the aerodynamics out of the
-            filter.
+        inside: a filter with the aerodynamics inside, which is fed; None leaves it out.
     """
 
     def __init__(
@@ -81,7 +79,7 @@ class Station:
         vehicle: int | None,
         clock_us: Callable[[], int],
         observer: Callable[[Estimate | Samples], None] | None = None,
-        fit: Callable[[Task], Future[Found | None]] | None = None,
+        inside: Filtering | None = None,
     ) -> None:
         self.aircraft = aircraft
         self.decoder = SampleDecoder(vehicle=vehicle, watched=(inertial_filter.GYRO,))
@@ -91,7 +89,7 @@ class Station:
         self.window = CoefficientWindow(aircraft, self.commands)
         self.model = RunningModel(aircraft, compiled.regressors, prior)
         self.processes = Processes(aircraft, believing=prior is not None)
-        self.inside = Inside(aircraft, self.commands, prior, fit)
+        self.inside = InsideFeed(aircraft, self.commands, prior, inside)
         self.departures = Departures(aircraft)
         self.alarms = Alarms(self.commands.watched)
         self.map = EnvelopeMap(aircraft)
@@ -110,6 +108,7 @@ class Station:
         self._taught_at = -math.inf
         self._clock_us = clock_us
         self._observer = observer
+        self._troubles = 0
         self._waiting: deque[Sample] = deque()
 
     @property
@@ -205,11 +204,7 @@ class Station:
         self.updates += 1
         if self._observer is not None:
             self._observer(estimate)
-        try:
-            self.inside.take(estimate, self.filter.noise, self.filter.lever, self.rows.used)
-        except Exception as error:  # noqa: BLE001 - the kinematic filter goes on without
-            self.failures.note("the filter with the aerodynamics inside, which begins anew", error)
-            self.inside.restart()
+        self._look_inside(estimate)
         samples = self.window.take(
             estimate,
             self.filter.noise,
@@ -224,6 +219,19 @@ class Station:
                 self.failures.note("learning, which leaves out a part of the flight", error)
             if self._observer is not None:
                 self._observer(samples)
+
+    def _look_inside(self, estimate: Estimate) -> None:
+        """Feeds the filter with the aerodynamics inside, and hears of its troubles."""
+        try:
+            self.inside.take(estimate, self.filter.noise, self.filter.lever, self.rows.used)
+        except Exception as error:  # noqa: BLE001 - the kinematic filter goes on without
+            self.failures.note("feeding the filter with the aerodynamics inside", error)
+            self.inside.clear()
+        known = self.inside.known
+        if known.troubles > self._troubles:
+            self._troubles = known.troubles
+            error = RuntimeError(known.trouble)
+            self.failures.note("the filter with the aerodynamics inside, which begins anew", error)
 
     def _learn(self, samples: Samples) -> None:
         """Takes what a window has that is new.

@@ -9,8 +9,7 @@ from __future__ import annotations
 import gc
 import math
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import Future
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
 
 from gcs_sysid.aircraft import Aircraft
@@ -18,7 +17,6 @@ from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live import heap
 from gcs_sysid.live.filter import START_S
 from gcs_sysid.live.flying import slowest
-from gcs_sysid.live.inside import Inside
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import GRAVITY
 from gcs_sysid.reconstruct import rates
@@ -34,7 +32,6 @@ def started(
     compiled: Compiled,
     prior: Mapping[str, Prior] | None,
     ready: threading.Event,
-    inside: Inside,
 ) -> Generator[threading.Thread, None, None]:
     """Compiles in a thread of its own and then sets `ready`; leaving waits for its end.
 
@@ -42,27 +39,19 @@ def started(
         aircraft: its file.
         compiled: functions of the same aircraft.
         prior: derivatives believed before.
-        ready: set when the flight can be filtered.
-        inside: the filter with the aerodynamics inside, which comes a minute later: compiled after
-            that, unless it is off.
+        ready: set when that is done, or has failed.
     """
 
     def compile_all() -> None:
         try:
-            rest = warm(aircraft, compiled, prior)
+            warm(aircraft, compiled, prior)
         finally:
             ready.set()
-        try:
-            if inside.compiling:
-                rest()
-        finally:
-            inside.compiling = False
         # What was compiled stays: to look through it for garbage stops a flight for 0.1 s.
         gc.collect()
         gc.freeze()
         heap.give_back()
 
-    inside.compiling = inside.phase != "off"
     thread = threading.Thread(target=compile_all, name="compile", daemon=True)
     thread.start()
     try:
@@ -71,25 +60,11 @@ def started(
         thread.join()
 
 
-def warm(
-    aircraft: Aircraft, compiled: Compiled, prior: Mapping[str, Prior] | None = None
-) -> Callable[[], None]:
-    """Runs every function once that a flight of this aircraft will need.
-
-    Returns:
-        What does so for the filter with the aerodynamics inside, which begins a minute later.
-    """
-    station = Station(
-        aircraft, compiled, prior=prior, vehicle=None, clock_us=lambda: 0, fit=lambda _: Future()
-    )
+def warm(aircraft: Aircraft, compiled: Compiled, prior: Mapping[str, Prior] | None = None) -> None:
+    """Runs every function once that a flight of this aircraft will need."""
+    station = Station(aircraft, compiled, prior=prior, vehicle=None, clock_us=lambda: 0)
     station.take(_flight(aircraft))
     station.work(1)
-
-    def rest() -> None:
-        if station.newest is not None:
-            station.inside.compile_all(station.newest, station.filter.noise, station.rows.used)
-
-    return rest
 
 
 def _flight(aircraft: Aircraft) -> Iterator[Sample]:

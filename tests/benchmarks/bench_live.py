@@ -2,13 +2,15 @@
 
 `gcs-sysid listen` runs as its users run it, in a process of its own, and is fed over UDP by this
 one: 100 Hz of inertial unit, attitude and servos, 10 Hz of the rest (`live_feed`). Then the same
-at ten times the rate for twenty seconds. `--seconds N` is the length of the first: in three minutes
-the processes learn, and learn anew. Percentiles are those of the newest 4096 updates (40 s) at its
-end; those since the start hold what was late while everything began, too.
+at ten times the rate for twenty seconds. `--seconds N` is the length of the first: in five minutes
+the processes learn, and learn anew, and the filter with the aerodynamics inside, in a process of
+its own, knows its derivatives. Percentiles are those of the newest 4096 updates (40 s) at its end;
+those since the start hold what was late while everything began, too.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -21,7 +23,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import table
@@ -48,17 +49,18 @@ class Listener:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
 
-    def cpu(self) -> float:
-        """Processor time used so far [s]."""
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS
+    def beside(self) -> int:
+        """The process of the filter with the aerodynamics inside."""
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):
+                parent = path.with_name("stat").read_text().rpartition(")")[2].split()[1]
+                if int(parent) == self.process.pid and b"spawn_main" in path.read_bytes():
+                    return int(path.parent.name)
+        raise AssertionError("no process beside")
 
-    def memory(self) -> float:
-        """Largest resident memory so far [MB]."""
-        for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-        raise AssertionError("no VmHWM")
+    def stop(self) -> None:
+        self.process.kill()  # what it would identify now is not measured here
+        self.process.wait()
 
     def live(self) -> dict:
         try:
@@ -66,12 +68,22 @@ class Listener:
         except (OSError, ValueError):
             return {}
 
-    def stop(self) -> None:
-        self.process.kill()  # what it would identify now is not measured here
-        self.process.wait()
+
+def cpu(process: int) -> float:
+    """Processor time that a process has used so far [s]."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-@contextmanager
+def memory(process: int, which: str) -> float:
+    """Resident memory [MB]: `VmRSS` now, `VmHWM` the largest so far."""
+    for line in Path(f"/proc/{process}/status").read_text().splitlines():
+        if line.startswith(f"{which}:"):
+            return int(line.split()[1]) / 1024
+    raise AssertionError(f"no {which}")
+
+
+@contextlib.contextmanager
 def listening() -> Generator[tuple[Listener, Callable[[bytes], object]], None, None]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
@@ -102,22 +114,30 @@ def fed(
 def in_real_time(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
     """Latency, first estimate, processor time, memory."""
     first: float | None = None
-    looked, settled = 0.0, None
+    looked, settled, known = 0.0, None, None
     with listening() as (listener, send):
+        process = listener.process.pid
         for at, _ in fed(feed.frames(), send):
             if at - looked < 0.25:
                 continue
             looked = at
             if first is None and listener.live().get("state"):
                 first = time.monotonic() - listener.begun
-                settled = (time.monotonic(), listener.cpu())
+                settled = (time.monotonic(), cpu(process))
+            if known is None and listener.live().get("derivatives_by") == "inside the filter":
+                beside, now = listener.beside(), time.monotonic()
+                known = (now - listener.begun, now, beside, cpu(beside))
             if first is not None and time.monotonic() - listener.begun - first >= seconds:
                 break
             assert first is not None or at < PATIENCE_S, "no estimate"
         assert first is not None
         assert settled is not None
-        used = (listener.cpu() - settled[1]) / (time.monotonic() - settled[0])
-        last, memory = listener.live(), listener.memory()
+        assert known is not None, "the filter with the aerodynamics inside never knew"
+        after, since, beside, before = known
+        used = (cpu(process) - settled[1]) / (time.monotonic() - settled[0])
+        filtering = (cpu(beside) - before) / (time.monotonic() - since)
+        last, largest = listener.live(), memory(process, "VmHWM")
+        sizes = [f"{memory(beside, which):.0f}" for which in ("VmHWM", "VmRSS")]
     packet, counts, inside = last["latency"]["packet_to_update"], last["counts"], last["inside"]
     return [
         ("packet to update, p50", "5 ms", f"{packet['p50_ms']:.1f} ms"),
@@ -129,12 +149,15 @@ def in_real_time(feed: Feed, seconds: float) -> list[tuple[str, str, str]]:
         ),
         ("start to first estimate, code compiled before", "10 s", f"{first:.1f} s"),
         ("of one core", "40 %", f"{100 * used:.0f} %"),
-        ("resident memory, largest", "600 MB", f"{memory:.0f} MB"),
+        ("resident memory, largest", "600 MB", f"{largest:.0f} MB"),
         # Feeder and listener are one and a half of it; more is others' work, which slows both.
         ("load of the machine meanwhile", "1.5", f"{os.getloadavg()[0]:.1f} on {os.cpu_count()}"),
         ("inertial samples left out, at the start too", "said", str(counts["decimated"])),
         ("aerodynamics inside the filter", "known", inside["phase"]),
+        ("start to their first derivatives", "said", f"{after:.0f} s"),
         ("how old their newest row", "3 s", f"{inside['age_s'] or math.nan:.1f} s"),
+        ("their process, of one core after that", "said", f"{100 * filtering:.0f} %"),
+        ("its resident memory: largest, at the end", "said", f"{', '.join(sizes)} MB"),
     ]
 
 

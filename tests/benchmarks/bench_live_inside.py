@@ -2,9 +2,9 @@
 
 Flights of `bench_filter_error.py --told wrong`: an Aerosonde of our own simulator whose file has
 every derivative 30 % too large or too small, by lot, and says so. Each goes through a station as
-`listen` has it; the minute that is fitted is fitted at once, which live takes a minute more. Judged
-on another of these flights, at the air that the aircraft felt. Minutes a flight; results are kept
-in out/live_inside.
+`listen` has it, the filter in the same process: the minute that is fitted is fitted at once, which
+live takes a minute or two more. Judged on another of these flights, at the air that the aircraft
+felt. Minutes a flight; results are kept in out/live_inside.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import os
 import sys
 import time as clock
 from collections.abc import Mapping
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,9 @@ from gcs_sysid import aircraft_file, regressors  # noqa: E402
 from gcs_sysid.aircraft import FORCES, MOMENTS, Aircraft  # noqa: E402
 from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.live import inside_fit, warming  # noqa: E402
+from gcs_sysid.live.inside import Inside  # noqa: E402
 from gcs_sysid.live.inside_fit import Found, Task  # noqa: E402
+from gcs_sysid.live.inside_known import Known  # noqa: E402
 from gcs_sysid.live.regression import TermEstimate  # noqa: E402
 from gcs_sysid.live.station import Compiled, Station  # noqa: E402
 from gcs_sysid.sources import tlog  # noqa: E402
@@ -81,11 +82,9 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
     true, fits = known(folder), []
     believed = told("wrong", aircraft, seed)
 
-    def fit(task: Task) -> Future[Found | None]:
-        coming: Future[Found | None] = Future()
+    def fit(task: Task) -> Found | None:
         fits.append(inside_fit.fitted(task))
-        coming.set_result(fits[-1])
-        return coming
+        return fits[-1]
 
     now = [0]
     station = Station(
@@ -94,7 +93,7 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
         prior=believed.prior,
         vehicle=None,
         clock_us=lambda: now[0],
-        fit=fit,
+        inside=Inside(believed.aircraft, believed.prior, fit=fit),
     )
     stream, second, flow, begun, used = FrameStream(), 0.0, [], {}, 0.0
     for time_us, frame in tlog.frames((folder / "flight.tlog").read_bytes()):
@@ -104,11 +103,12 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
         station.work(time_us + 10**9)
         if len(fits) == count:
             used += clock.process_time() - before
-        newest = station.inside.newest() if time_us * 1e-6 > second else None
+        inside = station.inside.known if time_us * 1e-6 > second else Known()
+        newest = inside.newest
         if newest is None:
             continue
         second = time_us * 1e-6 + 1.0
-        begun = begun or station.inside.derivatives()
+        begun = begun or inside.derivatives
         at = newest.time + (station.rows.epoch_us or 0) * 1e-6
         kinematic = station.newest.flow if station.newest is not None else np.full(3, np.nan)
         flow.append([newest.time, at, *newest.flow, *newest.deviation, *kinematic])
@@ -117,14 +117,13 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
         [np.interp(rows[:, 0], true["time"], true[name]) for name in ("V", "alpha", "beta")], axis=1
     )
     off, plain = rows[:, 2:5] - right, rows[:, 8:11] - right
-    terms = dict(
-        zip(SCORED, (begun, station.inside.derivatives(), station.model.estimates()), strict=True)
-    )
+    last = station.inside.known
+    terms = dict(zip(SCORED, (begun, last.derivatives, station.model.estimates()), strict=True))
     return {
         "seed": seed,
         "fits": len(fits),
         "fit_s": [None if one is None else one.seconds for one in fits],
-        "lost": station.inside.lost,
+        "lost": last.lost,
         "core": used / float(rows[-1, 0]),
         "flow": np.sqrt(np.mean(off**2, axis=0)).tolist(),
         "kinematic": np.sqrt(np.mean(plain**2, axis=0)).tolist(),

@@ -2,9 +2,10 @@
 
 The feed of `live_feed` is recorded, decoded, filtered and fitted in this process as fast as it
 goes, hour by hour of flight; every minute of flight the memory, the cost of an update and what was
-lost are kept in OUT/soak.jsonl. A run that was stopped goes on where it was (the recording and the
-model too). At the end: slopes over flight time with their intervals of 95 %, of one straight line
-a run, since each run begins with memory of its own.
+lost are kept in OUT/soak.jsonl. The filter with the aerodynamics inside runs in a process of its
+own, is waited for when it falls behind, and its memory is kept too. A run that was stopped goes on
+where it was (the recording and the model too). At the end: slopes over flight time with their
+intervals of 95 %, of one straight line a run, since each run begins with memory of its own.
 
     python tests/benchmarks/soak_live.py --hours 10 --out out/soak
 """
@@ -31,6 +32,7 @@ from live_feed import AIRCRAFT, HOLE_S, Feed
 from gcs_sysid import aircraft_file
 from gcs_sysid.cli import numerics
 from gcs_sysid.live import document, snapshot, warming
+from gcs_sysid.live.inside_beside import Beside
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents
 from gcs_sysid.sources.recorder import Recorder
@@ -44,9 +46,13 @@ KEPT_PARTS = 2
 """Older parts of the recording are deleted: ten hours are gigabytes."""
 
 
-def memory() -> float:
+BEHIND = 16
+"""Batches of rows that may wait for the filter beside: ten seconds of flight."""
+
+
+def memory(process: int) -> float:
     """Resident memory now [MB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
@@ -62,8 +68,14 @@ class Soak:
         aircraft = aircraft_file.load(AIRCRAFT)
         compiled = Compiled(aircraft)
         warming.warm(aircraft, compiled)
+        self._beside = Beside(numerics.enable, aircraft, None)
         self._station = Station(
-            aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: self._now[0]
+            aircraft,
+            compiled,
+            prior=None,
+            vehicle=None,
+            clock_us=lambda: self._now[0],
+            inside=self._beside,
         )
         if self.done and (out / snapshot.NAME).exists():
             snapshot.restore(
@@ -99,6 +111,8 @@ class Soak:
                 self._station.receive(batch)
                 self._station.work(2**62)
                 effort.append(time.perf_counter() - before)
+                while self._beside.waiting > BEHIND:
+                    time.sleep(0.05)
                 sent += 1
                 if at - published >= 1.0:
                     published = at
@@ -113,6 +127,10 @@ class Soak:
                     if len(self.done) >= 60.0 * hours:
                         return
 
+    def close(self) -> None:
+        """Ends the process beside."""
+        self._beside.close()
+
     def _publish(self, frames: int) -> None:
         around = document.Outside(link="", phase="", recorded=frames, now_us=self._now[0])
         told = document.document(self._station, around)
@@ -123,7 +141,10 @@ class Soak:
         note = {
             "run": self._run,
             "minute": len(self.done) + 1,
-            "memory_mb": round(memory(), 2),
+            "memory_mb": round(memory(os.getpid()), 2),
+            "beside_mb": round(memory(self._beside.process or 0), 2),
+            "inside": self._station.inside.known.phase,
+            "lost_inside": self._station.inside.known.lost,
             "p50_ms": round(1e3 * float(half), 4),
             "p99_ms": round(1e3 * float(most), 4),
             "of_one_core": round(used / MINUTE_S, 4),
@@ -174,6 +195,7 @@ def told(done: list[dict]) -> list[tuple[str, str, str]]:
     rows = []
     for name, words, unit in (
         ("memory_mb", "resident memory", "MB"),
+        ("beside_mb", "that of the filter with the aerodynamics inside", "MB"),
         ("p50_ms", "a message's cost, p50", "ms"),
         ("p99_ms", "a message's cost, p99", "ms"),
     ):
@@ -182,6 +204,8 @@ def told(done: list[dict]) -> list[tuple[str, str, str]]:
             (words, f"{done[-1][name]:.3g} {unit}", f"{change:+.3g} ± {band:.2g} {unit} an hour")
         )
     share = float(np.mean([one["of_one_core"] for one in done]))
+    lost = sum({one["run"]: one["lost_inside"] for one in done}.values())
+    rows.append(("times the aerodynamics inside lost the aircraft", str(lost), ""))
     rows.append(("of one core", f"{100 * share:.0f} %", ""))
     rows.append(("messages not recorded", str(sum(one["lost"] for one in done)), ""))
     return rows
@@ -197,6 +221,7 @@ if __name__ == "__main__":
     soak = Soak(given.out)
     if len(soak.done) < 60.0 * given.hours:
         soak.fly(given.hours)
+    soak.close()
     minutes, runs = len(soak.done), soak.done[-1]["run"]
     table.show(
         "live-soak",

@@ -162,7 +162,7 @@ def test_signals_ask_to_stop_and_are_put_back():
 
 def test_ctrl_c_ends_the_recording_and_nothing_heard_is_said(tmp_path, capsys, monkeypatch):
     """The program is interrupted as a terminal does it, while it waits on a real link."""
-    monkeypatch.setattr(warming, "warm", lambda *_: lambda: None)
+    monkeypatch.setattr(warming, "warm", lambda *_: None)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udpin:127.0.0.1:{free.getsockname()[1]}"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import json
+import os
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Callable
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,17 +23,22 @@ from gcs_sysid.estimate import in_common
 from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.live import inside, inside_fit, inside_rows
 from gcs_sysid.live.commands import Commands
-from gcs_sysid.live.filter import Estimate
 from gcs_sysid.live.inside import Inside
+from gcs_sysid.live.inside_beside import Beside
+from gcs_sysid.live.inside_feed import InsideFeed
 from gcs_sysid.live.inside_fit import Found, Task
+from gcs_sysid.live.inside_known import PREFIX, Fed, Known, learned
 from gcs_sysid.live.inside_rows import BATCH, HOLE_S, SETTLED_S, Batch, InsideRows
 from gcs_sysid.live.station import Compiled
 from gcs_sysid.model import aided
 from gcs_sysid.offline import aided_flight, flight, maneuver_choice
+from gcs_sysid.offline.aided_flight import Kinematics
 from gcs_sysid.offline.identify import file_prior
 from gcs_sysid.reconstruct.aided_smoother import Beginning
 
-DEMO = Path(__file__).resolve().parents[2] / "data/flights/demo.tlog"
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / "data/flights/demo.tlog"
+AIRCRAFT = ROOT / "data/aircraft/ultra_stick_25e.toml"
 pytestmark = pytest.mark.slow
 
 
@@ -144,38 +151,38 @@ def test_over_a_hole_rows_begin_anew_and_small_ones_are_filled(
     assert again.time[0] >= after[0].row.time + SETTLED_S
 
 
-class Given:
-    """Stands in for the maker of rows: a batch that is there already at every 32nd estimate."""
-
-    def __init__(self, batches: list[Batch]) -> None:
-        self._batches, self._count = iter(batches), 0
-
-    def take(self, _estimate: Estimate, _lever: np.ndarray) -> Batch | None:
-        self._count += 1
-        return next(self._batches, None) if self._count % BATCH == 0 else None
-
-    def clear(self) -> None:
-        """There is nothing to forget."""
+def fed(batches: list[Batch], first: int = 0) -> list[Fed]:
+    """Batches as they come, of a unit without errors in gusts of a metre a second."""
+    begun = Kinematics(np.zeros(3), np.zeros(3), np.ones(3))
+    used = {"accelerometer": "RAW_IMU"}
+    return [Fed(first + number, batch, begun, used) for number, batch in enumerate(batches)]
 
 
-class Fitting:
-    """Fits when asked to, and knows the file's derivatives to a tenth."""
+def anew(batch: Batch, wind: float = 0.0) -> Batch:
+    """As after a hole in the data; kinematics have another wind then [m/s]."""
+    step, air = np.array(batch.rows.step), batch.states.air
+    step[0] = 0.0
+    blown = air._replace(wind=air.wind + wind, gust=air.gust - wind)
+    return batch._replace(
+        rows=batch.rows._replace(step=step), states=batch.states._replace(air=blown)
+    )
 
-    def __init__(self) -> None:
-        self.task: Task | None = None
-        self.coming: Future[Found | None] = Future()
 
-    def __call__(self, task: Task) -> Future[Found | None]:
-        self.task, self.coming = task, Future()
-        return self.coming
+class Fitted:
+    """Stands in for a fit: knows the file's derivatives to a tenth, or loses the aircraft."""
 
-    def found(self) -> Found:
-        """The file, sensors without errors, gusts as kinematics have them."""
-        assert self.task is not None
-        aircraft, _, rows, states, begun, _ = self.task
-        first = jax.tree.map(lambda part: part[-1], states)
+    def __init__(self, *, losing: int = 0) -> None:
+        self.tasks: list[Task] = []
+        self._losing = losing
+
+    def __call__(self, task: Task) -> Found | None:
+        self.tasks.append(task)
+        if len(self.tasks) <= self._losing:
+            return None
+        aircraft, _, rows, states, begun, _ = task
+        last = jax.tree.map(lambda part: part[-1], states)
         spread = np.diag(aided_flight.START_DEVIATION**2)
-        whole = Flight(rows, states, Beginning(first, spread))
+        whole = Flight(rows, states, Beginning(last, spread))
         terms = inside_fit.first_terms(aircraft, file_prior(aircraft))
         unknowns = aided_flight.first_unknowns(whole, aircraft, begun, terms)
         flat = np.asarray(ravel_pytree(unknowns.means)[0])
@@ -186,52 +193,29 @@ class Fitting:
         return Found(unknowns, np.diag(sizes**2), whole.beginning, none, True, 0.0)
 
 
-def going(
-    listened, aircraft: Aircraft, compiled: Compiled, fit: Fitting | None
-) -> tuple[Inside, Callable[[int], None]]:
-    """One that is given the rows of the flight, and what moves it on by so many estimates."""
-    commands = Commands(aircraft, compiled.maps)
-    found = Inside(aircraft, commands, file_prior(aircraft), fit)
-    found._maker = Given(listened.batches)  # ty: ignore[invalid-assignment]
-    noise, used = listened.station.filter.noise, {"accelerometer": "RAW_IMU"}
-
-    last, taken = listened.estimates[-1], itertools.count()
-
-    def on(count: int) -> None:
-        for number in itertools.islice(taken, count):
-            row = replace(last.row, time=last.row.time + 0.02 * number)
-            found.take(replace(last, row=row), noise, np.zeros(3), used)
-
-    return found, on
-
-
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inside, "FIRST_S", 10.0)
 
 
-def test_it_collects_has_a_part_fitted_and_goes_on_from_there(
-    listened, aircraft: Aircraft, compiled: Compiled
-) -> None:
-    """Rows that came while it was fitted are taken in, faster than new ones come."""
-    fit = Fitting()
-    one, on = going(listened, aircraft, compiled, fit)
-    on(400)
-    assert one.phase == "collecting"
-    assert 7.0 < one.collected < 10.0
-    assert one.newest() is None
-    assert one.derivatives() == {}
-    on(200)
-    assert one.phase == "fitting"
-    assert fit.task is not None
-    assert float(fit.task.rows.step.sum()) == pytest.approx(10.0, abs=0.7)
-    assert one.state() == {}
-    fit.coming.set_result(fit.found())
-    waited = one.collected
-    on(150)
-    assert one.phase == "known"
-    assert one.collected < waited + 0.7
-    found = one.newest()
+def test_it_collects_has_a_part_fitted_and_goes_on_from_there(listened, aircraft: Aircraft) -> None:
+    fit, told, coming = Fitted(), [], iter(fed(listened.batches))
+    one = Inside(aircraft, file_prior(aircraft), fit=fit, tell=told.append)
+    for _ in range(12):
+        one.take(next(coming))
+    assert one.known.phase == "collecting"
+    assert 7.0 < one.known.collected < 10.0
+    assert one.known.newest is None
+    assert one.known.derivatives == one.known.state == {}
+    while not fit.tasks:
+        one.take(next(coming))
+    assert [known.phase for known in told] == ["fitting"]
+    assert told[0].collected == pytest.approx(10.0, abs=0.7)
+    assert float(fit.tasks[0].rows.step.sum()) == told[0].collected
+    for _ in range(4):
+        one.take(next(coming))
+    assert one.known.phase == "known"
+    found = one.known.newest
     assert found is not None
     truth = np.load(DEMO.with_name("demo_truth.npz"))
     columns = {str(name): truth["rows"][:, i] for i, name in enumerate(truth["cols"])}
@@ -240,128 +224,227 @@ def test_it_collects_has_a_part_fitted_and_goes_on_from_there(
     right = [np.interp(at, columns["t"], columns[name]) for name in ("V", "alpha", "beta")]
     assert np.all(np.abs(found.flow - right) < 4.0 * found.deviation)
     assert found.deviation[1] < np.deg2rad(1.5)
-    known = one.derivatives()
-    assert known["Cm"]["elevator"].deviation < 0.1 * abs(aircraft_value(aircraft))
-    assert 0.2 < one.excess < 4.0
+    known = one.known.derivatives["Cm"]["elevator"]
+    assert known.deviation < 0.1 * abs(aircraft.aerodynamics["Cm"].terms["elevator"].value)
+    assert 0.2 < one.known.excess < 4.0
 
-    # Over a hole the state is begun anew, in the wind of before, whatever kinematics have of it.
-    one.clear()
-    assert one._filter is not None
+    # Over a hole the state is begun anew, in the wind of before, whatever kinematics have of it;
+    # and so where rows that follow were left out.
     wind = np.array(one._filter.state.air.wind)
-    again = listened.batches[20]
-    step, air = np.array(again.rows.step), again.states.air
-    step[0] = 0.0
-    blown = air._replace(wind=air.wind + 4.0, gust=air.gust - 3.0)
-    again = again._replace(
-        rows=again.rows._replace(step=step), states=again.states._replace(air=blown)
-    )
-    one._maker = Given([again])  # ty: ignore[invalid-assignment]
-    one._batches.clear()
-    one._place = 0
-    on(BATCH + 1)
+    number = one._number
+    one.take(fed([anew(listened.batches[20], wind=4.0)], number + 1)[0])
+    one.take(fed([listened.batches[22]], number + 3)[0])
     assert np.linalg.norm(np.asarray(one._filter.state.air.wind) - wind) < 1.0
-    after = one.derivatives()
-    assert one.phase == "known"
-    assert after["Cm"]["elevator"].deviation <= known["Cm"]["elevator"].deviation * 1.001
+    after = one.known.derivatives["Cm"]["elevator"]
+    assert one.known.phase == "known"
+    assert after.deviation <= known.deviation * 1.001
+    assert abs(after.value - known.value) < 2.0 * known.deviation
 
     # And so by a program that was killed.
-    kept = {name: np.array(part) for name, part in one.state().items()}
-    other, go = going(listened, aircraft, compiled, Fitting())
-    assert not other.restore({})
-    assert other.restore(kept)
-    same = other.state()
+    kept = one.known.state
+    other = Inside(aircraft, file_prior(aircraft), fit=Fitted())
+    other.restore(kept)
+    same = other.known.state
     assert kept.keys() == same.keys()
     for name, part in kept.items():
         np.testing.assert_array_equal(part, same[name], err_msg=name)
-    go(BATCH + 1)
-    assert other.phase == "known"
+    other.take(fed([listened.batches[22]])[0])
+    assert other.known.phase == "known"
+    assert learned({}, aircraft, file_prior(aircraft)) is None
     for name, damaged in (("covariance", np.zeros((2, 2))), ("gyro_bias", np.full(3, np.nan))):
         with pytest.raises(ValueError, match="finite"):
-            other.restore(kept | {f"{inside.PREFIX}{name}": damaged})
-
-
-def aircraft_value(aircraft: Aircraft) -> float:
-    return aircraft.aerodynamics["Cm"].terms["elevator"].value
+            learned(kept | {f"{PREFIX}{name}": damaged}, aircraft, file_prior(aircraft))
 
 
 def test_a_part_in_which_the_aircraft_is_lost_is_followed_by_another(
-    listened, aircraft: Aircraft, compiled: Compiled
+    listened, aircraft: Aircraft
 ) -> None:
-    fit = Fitting()
-    one, on = going(listened, aircraft, compiled, fit)
-    on(600)
-    fit.coming.set_result(None)
-    on(1)
-    assert (one.phase, one.lost) == ("collecting", 1)
-    on(600)
-    assert one.phase == "fitting"
-    fit.coming.set_exception(RuntimeError("the process that fits has ended"))
-    on(1)
-    assert one.phase == "failed: RuntimeError: the process that fits has ended"
-    on(600)
-    assert one.phase.startswith("failed")
+    fit = Fitted(losing=1)
+    one = Inside(aircraft, file_prior(aircraft), fit=fit)
+    for part in fed(listened.batches[:20]):
+        one.take(part)
+    assert (one.known.phase, one.known.lost, len(fit.tasks)) == ("collecting", 1, 1)
+    for part in fed(listened.batches[20:], 20):
+        one.take(part)
+    assert (one.known.phase, len(fit.tasks)) == ("known", 2)
+    # What failed otherwise is told, and begun anew.
+    one.trouble(FloatingPointError("no number"))
+    known = one.known
+    assert (known.phase, known.troubles) == ("collecting", 1)
+    assert known.trouble == "FloatingPointError: no number"
 
 
-def test_what_an_unknown_command_moved_is_not_fitted(
-    listened, aircraft: Aircraft, compiled: Compiled
+def test_only_flight_that_follows_is_fitted_and_whose_commands_are_known(
+    listened, aircraft: Aircraft
 ) -> None:
-    fit = Fitting()
-    one, on = going(listened, aircraft, compiled, fit)
+    fit = Fitted()
+    one = Inside(aircraft, file_prior(aircraft), fit=fit)
+    every = listened.batches
+    holes = [batch if number % 10 else anew(batch) for number, batch in enumerate(every)]
+    for part in fed(holes):
+        one.take(part)
+    lacking = [part for part in fed(every, 100) if part.number % 10]
+    for part in lacking:
+        one.take(part)
     silent = [
         batch._replace(rows=batch.rows._replace(modelled=np.zeros(BATCH, dtype=bool)))
-        for batch in listened.batches
+        for batch in every
     ]
-    one._maker = Given(silent)  # ty: ignore[invalid-assignment]
-    on(1000)
-    assert one.phase == "collecting"
-    assert fit.task is None
-    off, go = going(listened, aircraft, compiled, None)
-    go(1000)
-    assert off.phase == "off"
+    for part in fed(silent, 200):
+        one.take(part)
+    assert (one.known.phase, fit.tasks) == ("collecting", [])
 
 
-def test_a_process_of_its_own_fits_what_was_flown(
-    listened, aircraft: Aircraft, compiled: Compiled, monkeypatch: pytest.MonkeyPatch
+def test_a_feed_without_a_filter_is_off_and_without_an_accelerometer_silent(
+    listened, aircraft: Aircraft, compiled: Compiled
+) -> None:
+    noise, commands = listened.station.filter.noise, listened.station.commands
+
+    class Kept(list):
+        known = Known()
+
+        def take(self, part: Fed) -> None:
+            self.append(part)
+
+        def restore(self, _state: Mapping[str, np.ndarray]) -> None:
+            pytest.fail("nothing was to restore")
+
+    for used, count in (({"accelerometer": "RAW_IMU"}, len(listened.batches)), ({}, 0)):
+        kept = Kept()
+        feed = InsideFeed(aircraft, commands, None, kept)
+        for estimate in listened.estimates:
+            feed.take(estimate, noise, listened.station.filter.lever, used)
+        assert [part.number for part in kept] == list(range(count))
+        assert feed.known.phase == "collecting"
+    off = InsideFeed(aircraft, commands, None, None)
+    off.take(listened.estimates[0], noise, np.zeros(3), {"accelerometer": "RAW_IMU"})
+    assert off.known.phase == "off"
+    assert not off.restore({})
+
+
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Beside]]:
+    """Filters in processes of their own."""
+    every: list[Beside] = []
+
+    def begin(prepare: Callable[[], None], aircraft: Aircraft) -> Beside:
+        every.append(Beside(prepare, aircraft, file_prior(aircraft)))
+        return every[-1]
+
+    yield begin
+    for one in every:
+        one.close()
+
+
+def told(beside: Beside, wanted: Callable[[Known], bool], patience: float = 500.0) -> Known:
+    """Waits until it tells what is wanted."""
+    until = time.monotonic() + patience
+    while not wanted(beside.known):
+        assert time.monotonic() < until, beside.known._replace(state={})
+        time.sleep(0.05)
+    return beside.known
+
+
+def test_a_process_of_its_own_fits_what_was_flown_and_filters_on(
+    listened, aircraft: Aircraft, begun
 ) -> None:
     """Half a minute with an elevator and a rudder input, by an aircraft that its file has wrong."""
-    monkeypatch.setattr(inside, "FIRST_S", 30.0)
-    fit = Fitting()
-    one, on = going(listened, aircraft, compiled, fit)
-    on(1700)
-    assert one.phase == "fitting"
-    found = inside_fit.Beside(numerics.enable)(fit.task).result(timeout=600.0)
-    assert found is not None
-    assert found.converged
+    beside, parts = begun(half_a_minute, aircraft), fed(listened.batches)
+    for part in parts:
+        beside.take(part)
+    fitting = told(beside, lambda known: known.phase == "fitting")
+    assert 30.0 <= fitting.collected < 31.0
+    end = listened.batches[-1].time[-1]
+    known = told(beside, lambda one: one.newest is not None and one.newest.time == end)
+    assert (known.phase, known.lost, known.troubles) == ("known", 0, 0)
+    assert known.excess < 3.0
     flown = json.loads(DEMO.with_name("demo_truth.json").read_text())["flown"]["aerodynamics"]
-    keys = in_common.derivative_keys(found.unknowns.means.aerodynamics)
-    deviation = np.sqrt(np.diagonal(found.covariance))[: len(keys)]
     off = []
-    for (name, key), spread in zip(keys, deviation, strict=True):
-        believed = aircraft.aerodynamics[name].terms.get(key)
-        true = flown.get(name, {}).get(key, 0.0 if believed is None else believed.value)
-        off.append((float(found.unknowns.means.aerodynamics[name][key]) - true) / spread)
+    for name, terms in known.derivatives.items():
+        for key, term in terms.items():
+            believed = aircraft.aerodynamics[name].terms.get(key)
+            true = flown.get(name, {}).get(key, 0.0 if believed is None else believed.value)
+            off.append((term.value - true) / term.deviation)
     assert np.mean(np.abs(off) < 2.0) > 0.8
     assert np.max(np.abs(off)) < 5.0
-    fit.coming.set_result(found)
-    on(100)
-    assert one.phase == "known"
-    assert one.excess < 3.0
+    # What it knows another one goes on with.
+    feed = InsideFeed(aircraft, listened.station.commands, file_prior(aircraft), beside)
+    other = begun(numerics.enable, aircraft)
+    again = InsideFeed(aircraft, listened.station.commands, file_prior(aircraft), other)
+    assert again.restore(feed.state())
+    assert again.state().keys() == feed.state().keys()
+    other.take(parts[-1])
+    assert told(other, lambda one: one.newest is not None).phase == "known"
 
 
-def test_a_process_that_ends_is_told(listened, aircraft: Aircraft, compiled: Compiled) -> None:
-    fit = Fitting()
-    _, on = going(listened, aircraft, compiled, fit)
-    on(600)
-    beside = inside_fit.Beside(failing)
-    with pytest.raises(RuntimeError, match="has ended"):
-        beside(fit.task).result(timeout=120.0)
-    slow = inside_fit.Beside(waiting)
-    coming = slow(fit.task)
-    while slow._process is None or not slow._process.is_alive():
+def test_a_process_that_ends_is_told_and_what_it_knew_stays(
+    listened, aircraft: Aircraft, begun
+) -> None:
+    part, kept = fed(listened.batches)[0], {f"{PREFIX}drift": np.ones(1)}
+    beside = begun(failing, aircraft)
+    beside.restore(kept)
+    beside.take(part)
+    assert "has ended" in told(beside, lambda known: known.phase != "collecting").phase
+    assert beside.known.state == kept
+    # Whoever feeds it still never waits.
+    for _ in range(1000):
+        beside.take(part)
+    slow = begun(waiting, aircraft)
+    slow.take(part)
+    while slow._process is None:
         time.sleep(0.01)
     slow.close()
-    with pytest.raises(RuntimeError, match="has ended"):
-        coming.result(timeout=120.0)
+    told(slow, lambda known: known.phase.startswith("failed"))
+
+
+def test_rows_that_fail_are_told_and_the_next_ones_taken(
+    listened, aircraft: Aircraft, begun
+) -> None:
+    beside, parts = begun(numerics.enable, aircraft), fed(listened.batches)
+    broken = parts[0]._replace(batch=parts[0].batch._replace(rows=None))
+    beside.take(broken)
+    known = told(beside, lambda one: one.troubles == 1)
+    assert known.phase == "collecting"
+    assert "NoneType" in known.trouble
+    for part in parts[1:5]:
+        beside.take(part)
+    told(beside, lambda one: one.collected > 1.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks in /proc")
+def test_it_ends_with_a_listener_that_is_killed(tmp_path: Path) -> None:
+    """By `kill -9`, which asks nobody."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import time\n"
+        "from gcs_sysid import aircraft_file\n"
+        "from gcs_sysid.live.inside_beside import Beside\n"
+        "def nothing():\n"
+        "    pass\n"
+        "if __name__ == '__main__':\n"
+        f"    beside = Beside(nothing, aircraft_file.load({str(AIRCRAFT)!r}), None)\n"
+        "    beside.take(None)\n"
+        "    while beside._process is None or beside.known.troubles == 0:\n"
+        "        time.sleep(0.05)\n"
+        "    print(beside._process.pid, flush=True)\n"
+        "    time.sleep(600.0)\n"
+    )
+    listener = subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE, text=True)
+    assert listener.stdout is not None
+    with listener.stdout:
+        child = Path(f"/proc/{int(listener.stdout.readline())}")
+        assert child.exists()
+        os.kill(listener.pid, signal.SIGKILL)
+        listener.wait()
+    until = time.monotonic() + 30.0
+    while child.exists() and "Z" not in (child / "stat").read_text().rpartition(")")[2][:3]:
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def half_a_minute() -> None:
+    numerics.enable()
+    inside.FIRST_S = 30.0
 
 
 def failing() -> None:

@@ -55,7 +55,7 @@ class Ticking:
 @pytest.fixture(autouse=True)
 def cold(monkeypatch: pytest.MonkeyPatch) -> None:
     """These flights never leave the ground: there is nothing to compile."""
-    monkeypatch.setattr(warming, "warm", lambda *_: lambda: None)
+    monkeypatch.setattr(warming, "warm", lambda *_: None)
 
 
 @pytest.fixture

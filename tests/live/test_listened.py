@@ -15,7 +15,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import InputError
 from gcs_sysid.live import snapshot
 from gcs_sysid.live.coefficients import HOP, KEPT
-from gcs_sysid.live.inside import Inside
+from gcs_sysid.live.inside_feed import InsideFeed
 from gcs_sysid.live.listen import Ending, identified
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
@@ -271,7 +271,7 @@ def test_the_model_goes_on_as_it_was_kept(
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     told = {inertial_filter.GYRO: 20.0}
     processes = listened.station.processes
-    inside = Inside(aircraft, listened.station.commands, None, None)
+    inside = InsideFeed(aircraft, listened.station.commands, None, None)
     arrays = snapshot.taken(kept, processes, inside, time_us=1234, updates=77, parameters=told)
     snapshot.write(path, arrays)
     again = RunningModel(aircraft, compiled.regressors, None)
@@ -290,7 +290,7 @@ def test_a_snapshot_that_is_damaged_or_anothers_is_refused(
     path, kept = tmp_path / snapshot.NAME, listened.station.model
     model = RunningModel(aircraft, compiled.regressors, None)
     processes = Processes(aircraft, believing=False)
-    inside = Inside(aircraft, listened.station.commands, None, None)
+    inside = InsideFeed(aircraft, listened.station.commands, None, None)
     snapshot.write(path, snapshot.taken(kept, processes, inside, time_us=1, updates=1))
     whole = path.read_bytes()
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):

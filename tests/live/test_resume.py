@@ -22,7 +22,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from gcs_sysid.live import listen, warming
-warming.warm = lambda *_: lambda: None  # these frames never leave the ground
+warming.warm = lambda *_: None  # these frames never leave the ground
 listen.run(
     sys.argv[1], listen.load(Path(sys.argv[2])),
     listen.Options(prior="none", quiet_after=1e6, resume=sys.argv[4] == "resume"),

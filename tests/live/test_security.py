@@ -17,7 +17,7 @@ from gcs_sysid.cli.commands import listen as command
 from gcs_sysid.errors import InputError
 from gcs_sysid.live import listen, snapshot, warming
 from gcs_sysid.live.commands import Commands
-from gcs_sysid.live.inside import Inside
+from gcs_sysid.live.inside_feed import InsideFeed
 from gcs_sysid.live.listen import Options
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
@@ -38,7 +38,7 @@ def sent(
     silent: bool = False,
 ) -> list:
     """What reaches a vehicle that sends a little, and never answers a request."""
-    monkeypatch.setattr(warming, "warm", lambda *_: lambda: None)
+    monkeypatch.setattr(warming, "warm", lambda *_: None)
     time, parser, found = Ticking(played[0][0]), dialect.MAVLink(None), []
     looked = [0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
@@ -117,7 +117,7 @@ def test_a_snapshot_with_a_pickle_inside_is_not_opened(
     aircraft: Aircraft, compiled: Compiled, tmp_path: Path
 ) -> None:
     model = RunningModel(aircraft, compiled.regressors, None)
-    inside = Inside(aircraft, Commands(aircraft, compiled.maps), None, None)
+    inside = InsideFeed(aircraft, Commands(aircraft, compiled.maps), None, None)
     path = tmp_path / snapshot.NAME
     hostile = np.empty(1, dtype=object)
     hostile[0] = Hostile()

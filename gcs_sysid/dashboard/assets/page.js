@@ -50,7 +50,6 @@ function inside(live) {
   const one = live.inside || {}, known = live.derivatives_by === "inside the filter";
   const words = {
     collecting: `collecting a minute of flight, ${(one.collected_s || 0).toFixed(0)} of ${one.wanted_s} s`,
-    compiling: "being compiled",
     fitting: "fitting gusts, noise and derivatives to a minute of flight",
     known: known ? "airspeed, flow angles and derivatives shown here are its own"
       : one.age_s === null ? "beginning" : `catching up, ${(one.age_s || 0).toFixed(0)} s behind`,
