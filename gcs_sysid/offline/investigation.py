@@ -189,6 +189,7 @@ def investigate(
         asking = question
         if sizes is not None:
             asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
+        asking = asking.at_delays_of(best.causes)
         foretold = listed.alone(best.causes, best.posterior.mean)
         near = standing if asking is question else None
         asked_for = [Trial(best.causes, standing.settled, foretold, near)]
@@ -357,10 +358,10 @@ def _sizes(
 
 
 def _freed(listed: Unknowns, best: Ranked) -> dict[str, float]:
-    """Values of the quantities that causes free."""
+    """Values of the quantities that causes free, with what is ordinarily off in the same way."""
     values = best.posterior.mean
-    return {
-        name: float(values[listed.names.index(name)])
-        for candidate in best.causes
-        for name in candidate.frees
-    }
+    found = {}
+    for name in (name for candidate in best.causes for name in candidate.frees):
+        parts = [name, *([listed.beside[name]] if name in listed.beside else [])]
+        found[name] = float(sum(values[listed.names.index(each)] for each in parts))
+    return found

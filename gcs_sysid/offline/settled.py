@@ -121,6 +121,11 @@ def with_servos(subject: Subject, found: Quantities) -> Subject:
     return _looked_up(subject, found, subject.late)
 
 
+def undelayed(subject: Subject, found: Quantities) -> Subject:
+    """The flight with its surfaces looked up where its file has them: a cause delays them."""
+    return subject if subject.late == 0.0 else _looked_up(subject, found, 0.0)
+
+
 def with_delay(subject: Subject, found: Quantities, done: Settled) -> Subject:
     """The flight with its surfaces looked up about the delay that it was settled with.
 

@@ -35,6 +35,9 @@ class Question:
     def relations(self, _begun: None) -> None:
         """None are needed."""
 
+    def at_delays_of(self, _causes: object) -> Question:
+        return self
+
     def answered(self, *_given: object, **_named: object) -> Answer:
         information = told({"cg.x": -0.1})
         return Answer((), (), information, information.weighed(0.5))
@@ -55,6 +58,17 @@ class Asked:
 
     def question(self) -> Question:
         return Question()
+
+
+def test_a_delay_is_reckoned_with_whole() -> None:
+    """What of it is ordinary and what the cause has on top: the size is that of both."""
+    name, own = "mass", "departures.mass"
+    every = replace(listed(), beside={name: own})
+    mean = np.zeros(len(every.names))
+    mean[[every.names.index(name), every.names.index(own)]] = 0.05, 0.04
+    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(mean, np.eye(7), 0.0), RIGHT)
+    assert investigation._freed(every, best) == {name: pytest.approx(0.09)}
+    assert investigation._freed(listed(), best) == {name: pytest.approx(0.05)}
 
 
 def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) -> None:

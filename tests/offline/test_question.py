@@ -8,6 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from gcs_sysid.diagnose.aided.quantities import Quantities
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
@@ -15,6 +16,7 @@ from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Weighed
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import question, settled
 from gcs_sysid.offline.question import Answer, Question, Trial
 from gcs_sysid.offline.settled import Subject
@@ -52,6 +54,24 @@ def test_a_favourite_is_tried_with_a_file_as_accurate_as_it_has_it(accuracy: flo
     wanted = made.ORDINARY * [accuracy, 1.0, 1.0, 1.0]
     wanted[1] = np.hypot(wanted[1], mass[0].cause.parameters[0].sigma)
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), wanted)
+
+
+def test_surfaces_that_a_cause_delays_are_looked_up_where_the_file_has_them(monkeypatch) -> None:
+    """About the delay they settled with they would be late twice."""
+    late, mass = listed("time_skew", "SERVO")[:1], listed("mass")
+    looked: list[float] = []
+
+    def look(_subject: Subject, _found: object, at: float) -> Subject:
+        looked.append(at)
+        return Mock(spec=Subject, late=at)
+
+    monkeypatch.setattr(settled, "_looked_up", look)
+    subjects = tuple(Mock(spec=Subject, late=at) for at in (0.05, 0.0))
+    every = replace(made.listed(), beside={late[0].frees[0]: "sensors.surface_delay"})
+    asked = Question(Mock(spec=Quantities), (), subjects, (), every, (), Mock(spec=FlightModel))
+    assert asked.at_delays_of(mass) is asked
+    assert [one.late for one in asked.at_delays_of((*mass, *late)).subjects] == [0.0, 0.0]
+    assert looked == [0.0]
 
 
 def test_a_search_that_found_no_rest_is_refused() -> None:

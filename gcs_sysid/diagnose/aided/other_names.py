@@ -68,15 +68,24 @@ def gathered(
 ) -> Float[np.ndarray, " parameter"]:
     """Departures of a flight's parameters with all of an effect under the name that is free.
 
+    So what is ordinarily off in the same way as a quantity: half of a delay that only a cause can
+    explain had stayed with the delay that is ordinary.
+
     Args:
         causes: what is set free.
         moved: departures.
         unknowns: all, and which quantities are two names for one thing.
         number: of the flight.
     """
+    own = unknowns.own[number]
     for here, there in _sides(causes, unknowns, number):
         share = float(there @ moved) / float(there @ there)
         moved = moved + share * (here - there)
+    for name in (name for one in causes for name in one.frees if name in unknowns.beside):
+        ordinary = int(np.flatnonzero(own == unknowns.names.index(unknowns.beside[name]))[0])
+        here = unknowns.directions[own, unknowns.names.index(name) - unknowns.parameters]
+        moved = moved + moved[ordinary] * here
+        moved[ordinary] = 0.0
     return moved
 
 

@@ -68,6 +68,25 @@ def test_all_of_an_effect_goes_under_the_name_that_is_free() -> None:
     np.testing.assert_array_equal(unnamed((LATE,), every, 0), [False, True, False])
 
 
+def test_a_delay_that_a_cause_sets_free_is_not_shared_with_the_ordinary_one() -> None:
+    """Half of 0.1 s stayed with the ordinary delay, and the throttle was half as late."""
+    names = ("departures.mass", "departures.actuators.0", "sensors.surface_delay")
+    quantities = {
+        "mass": {"departures.mass": 1.0},
+        "skew.SERVO.0.07": {"departures.actuators.0": 1.0},
+    }
+    usual = dict.fromkeys(quantities, 1e-4)
+    found = unknowns.of_flights(
+        *(names, np.full(3, 0.01), quantities, usual, {"": 1.0}, 1, np.zeros(3)),
+        beside={"skew.SERVO.0.07": "sensors.surface_delay"},
+    )
+    late = Candidate(CAUSES["time_skew"], "SERVO", 0.07)
+    assert late.frees == ("skew.SERVO.0.07",)
+    moved = np.array([0.3, 0.05, 0.049])
+    np.testing.assert_allclose(gathered((MASS, late), moved, found, 0), [0.3, 0.099, 0.0])
+    np.testing.assert_array_equal(gathered((MASS,), moved, found, 0), moved)
+
+
 def test_nothing_is_gathered_where_nothing_goes_by_another_name() -> None:
     every, moved = listed(), np.array([0.3, 0.13, 0.07])
     np.testing.assert_array_equal(gathered((MASS,), moved, every, 0), moved)
