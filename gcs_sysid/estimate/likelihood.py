@@ -16,7 +16,7 @@ e of all unknowns moves such sums by −A e, A = Σ Jᵀ T.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -97,7 +97,7 @@ class Curvature(NamedTuple):
 
 
 class Instruments(NamedTuple):
-    """What a flight is asked with, chunk by chunk, and what it can answer.
+    """What a flight is asked with, chunk by chunk.
 
     T and V depend on the past only, so that the slope made of them has no bias where innovations
     are independent of the past, be they those of unknowns a little off or of approximate equations:
@@ -108,30 +108,17 @@ class Instruments(NamedTuple):
             others; 0 in rows that are not asked.
         spreads: V of the former, as the pairs of `_pairs`.
         by_likelihood: which they are.
-        curvature: of the sums made with them.
     """
 
     innovations: tuple[Float[np.ndarray, "unknown sample row"], ...]
     spreads: tuple[Float[np.ndarray, "asked sample pair"], ...]
     by_likelihood: Bool[np.ndarray, " unknown"]
-    curvature: Curvature
 
 
-def instruments(
-    model: FlightModel,
-    means: Means,
-    log_noise: Noise,
-    path: Path,
-    counts: Bool[np.ndarray, " sample"],
-    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]],
-    sizes: Float[np.ndarray, " parameter"],
-    by_likelihood: Bool[np.ndarray, " parameter"],
-    *,
-    stretch: tuple[Curvature, Float[np.ndarray, "unknown unknown"]] | None = None,
-) -> Instruments:
-    """Instruments of a flight.
+class Asking(NamedTuple):
+    """Of what instruments are worked out.
 
-    Args:
+    Attributes:
         model: the aircraft.
         means: parameters of the mean.
         log_noise: log intensities.
@@ -142,43 +129,71 @@ def instruments(
             thrust has corners: over a step too small, a sample that crosses one seems to tell much.
         by_likelihood: parameters that are found by the slope of the likelihood; the others by
             sensitivities at held gains.
-        stretch: curvature of a stretch of this flight, and the precision of the beliefs. T and V of
-            the others are then left out, which is most of the work.
     """
-    found, noises = np.flatnonzero(free[0]), np.flatnonzero(free[1])
-    asked = np.concatenate([by_likelihood[found], np.ones(noises.size, dtype=bool)])
-    wanted_of = np.flatnonzero(asked) if stretch is not None else np.arange(asked.size)
-    part_of = np.flatnonzero(asked[wanted_of])
-    change = _Asked(model, means, log_noise, path, found, noises, sizes[found], wanted_of)
-    about = intensities.lined(model, means, path, log_noise)
-    start, first = path.start, 0
-    innovations, spreads = [], []
-    weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
+
+    model: FlightModel
+    means: Means
+    log_noise: Noise
+    path: Path
+    counts: Bool[np.ndarray, " sample"]
+    free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]]
+    sizes: Float[np.ndarray, " parameter"]
+    by_likelihood: Bool[np.ndarray, " parameter"]
+
+    @property
+    def asked(self) -> Bool[np.ndarray, " unknown"]:
+        """Which unknowns are found by the slope of the likelihood: of intensities all."""
+        found, noises = (np.flatnonzero(part) for part in self.free)
+        return np.concatenate([self.by_likelihood[found], np.ones(noises.size, dtype=bool)])
+
+
+def instruments(of: Asking) -> Instruments:
+    """Instruments of a flight, without T and V of what the likelihood is not asked for.
+
+    Those are most of the work; what they are for, a stretch of the flight tells: `Curvature.on`.
+    """
+    parts = [own for own, _ in _worked_out(of, np.flatnonzero(of.asked))]
+    return Instruments(*zip(*parts, strict=True), of.asked)
+
+
+def curved(of: Asking) -> tuple[Instruments, Curvature]:
+    """Instruments of a flight, and the curvature of the sums made with them."""
+    asked, parts = of.asked, []
     slope, scatter, information = np.zeros((3, asked.size, asked.size))
-    for chunk, rows, still in zip(path.chunks, *about[1:], strict=True):
+    weight = np.sqrt(0.5 * _pairs(aided.ROW_COUNT)[2])
+    for (own, turned), changed in _worked_out(of, np.arange(asked.size)):
+        parts.append((own, turned))
+        scatter += _scatter(own, turned, asked)
+        flat, every = (_flat(each) for each in (own, changed.innovation))
+        spread = _flat(changed.spread * weight)
+        told = spread @ spread.T
+        slope += flat @ every.T
+        slope[asked] += told[asked]
+        information += every @ every.T + told
+    return Instruments(*zip(*parts, strict=True), asked), Curvature(slope, scatter, information)
+
+
+def _worked_out(
+    of: Asking, wanted_of: Int[np.ndarray, " wanted"]
+) -> Iterator[tuple[tuple[np.ndarray, np.ndarray], Changed]]:
+    """Innovations and spreads of `Instruments`, and T and V of those wanted, of every chunk."""
+    found, noises = (np.flatnonzero(part) for part in of.free)
+    asked, part_of = of.asked, np.flatnonzero(of.asked[wanted_of])
+    known = (of.model, of.means, of.log_noise)
+    change = _Asked(*known, of.path, found, noises, of.sizes[found], wanted_of)
+    about = intensities.lined(of.model, of.means, of.path, of.log_noise)
+    start, first = of.path.start, 0
+    for chunk, rows, still in zip(of.path.chunks, *about[1:], strict=True):
         end, done = linear_filter.run(start, rows)
         wanted = np.zeros(chunk.row.step.size, dtype=bool)
-        part = counts[first : first + wanted.size]
+        part = of.counts[first : first + wanted.size]
         wanted[: part.size] = part
         changed, held = change.chunk(chunk, start, rows, done, still, wanted)
         own = np.zeros((asked.size, *held.shape[1:]), np.float32)
-        own[~asked] = held[~by_likelihood[found]]
-        own[asked], turned = changed.innovation[part_of], changed.spread[part_of]
-        innovations.append(own)
-        spreads.append(turned)
-        scatter += _scatter(own, turned, asked)
-        if stretch is None:
-            flat, every = (_flat(each) for each in (own, changed.innovation))
-            spread = _flat(changed.spread * weight)
-            told = spread @ spread.T
-            slope += flat @ every.T
-            slope[asked] += told[part_of]
-            information += every @ every.T + told
+        own[~asked] = held[~of.by_likelihood[found]]
+        own[asked] = changed.innovation[part_of]
+        yield (own, changed.spread[part_of]), changed
         start, first = end, first + part.size
-    curvature = Curvature(slope, scatter, information)
-    if stretch is not None:
-        curvature = stretch[0].on(scatter, stretch[1])
-    return Instruments(tuple(innovations), tuple(spreads), asked, curvature)
 
 
 def _flat(parts: Float[np.ndarray, "unknown sample part"]) -> Float[np.ndarray, "unknown all"]:
@@ -215,10 +230,13 @@ def scores(
     return np.concatenate(blocks)
 
 
-def told(
+def sums(
     asked: Instruments, white: Float[np.ndarray, "sample row"], counts: Bool[np.ndarray, " sample"]
-) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
-    """Scatter of the sums of the rows that count, and the sums.
+) -> Float[np.ndarray, " unknown"]:
+    """Slope of the log-likelihood by the rows that count.
+
+    Instruments are of single precision, and so are the sums over a chunk: to 1e-6 of what they
+    scatter.
 
     Args:
         asked: instruments of these rows and perhaps of others.
@@ -226,17 +244,31 @@ def told(
         counts: rows that are summed.
     """
     first, second, weight = _pairs(white.shape[1])
-    excess = 0.5 * weight * (white[:, first] * white[:, second] - (first == second))
-    size = asked.by_likelihood.size
-    scatter, sums, begin = np.zeros((size, size)), np.zeros(size), 0
+    mask = np.zeros((white.shape[0], 1))
+    mask[: counts.size, 0] = counts
+    excess = 0.5 * weight * mask * (white[:, first] * white[:, second] - (first == second))
+    shown, excess = ((mask * white).astype(np.float32), excess.astype(np.float32))
+    found, begin = np.zeros(asked.by_likelihood.size), 0
+    for change, spread in zip(asked.innovations, asked.spreads, strict=True):
+        rows = slice(begin, begin + change.shape[1])
+        found -= change.reshape(len(change), -1) @ shown[rows].ravel()
+        found[asked.by_likelihood] += spread.reshape(len(spread), -1) @ excess[rows].ravel()
+        begin = rows.stop
+    return found
+
+
+def scatter(
+    asked: Instruments, counts: Bool[np.ndarray, " sample"]
+) -> Float[np.ndarray, "unknown unknown"]:
+    """Of the sums of the rows that count; the same wherever the flight is asked from."""
+    size, begin = asked.by_likelihood.size, 0
+    found = np.zeros((size, size))
     for change, spread in zip(asked.innovations, asked.spreads, strict=True):
         rows = np.flatnonzero(counts[begin : begin + change.shape[1]])
-        own, turned = change[:, rows], spread[:, rows]
-        scatter += _scatter(own, turned, asked.by_likelihood)
-        sums -= _flat(own) @ white[begin + rows].ravel()
-        sums[asked.by_likelihood] += _flat(turned) @ excess[begin + rows].ravel()
+        if rows.size:
+            found += _scatter(change[:, rows], spread[:, rows], asked.by_likelihood)
         begin += change.shape[1]
-    return scatter, sums
+    return found
 
 
 def _scatter(

@@ -273,12 +273,15 @@ def climbed(
     for number in range(SETS):
         progress(f"instruments {number + 1}: log-likelihood {here.log_likelihood:.0f}")
         means = ravel_pytree(like)[1](jnp.asarray(here.values))
-        asked = likelihood.instruments(
+        of = likelihood.Asking(
             *(model, means, here.log_noise, here.path, settled.fitted, free, sizes),
             marked(like, BY_LIKELIHOOD),
-            stretch=None if stretch is None else (stretch, precision),
         )
-        curvature = asked.curvature
+        if stretch is None:
+            asked, curvature = likelihood.curved(of)
+        else:
+            asked = likelihood.instruments(of)
+            curvature = stretch.on(likelihood.scatter(asked, settled.fitted), precision)
         if not np.isfinite(curvature.information).all() or not np.isfinite(here.log_likelihood):
             raise LostError
         matrix, hoped, ended, begun = curvature.slope + precision, 0.0, False, here

@@ -108,11 +108,11 @@ def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: B
     sizes = np.where(believed > 0.0, np.minimum(sizes, believed), sizes)
     known = np.divide(1.0, believed**2, out=np.zeros_like(held), where=believed > 0.0)
     precision = np.diag(np.concatenate([known[free[0]], noise[free[1]] ** -2.0]))
-    asked = likelihood.instruments(
+    of = likelihood.Asking(
         *(model, *unknowns, path, every, free, sizes),
         scoring.marked(unknowns.means, scoring.BY_LIKELIHOOD),
     )
-    return Relation(asked.curvature, precision, free, sizes)
+    return Relation(likelihood.curved(of)[1], precision, free, sizes)
 
 
 def climbed(
@@ -147,11 +147,11 @@ def climbed(
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
     ]
     here = max(begun, key=search.density)
-    used = search.instruments(here) if asked is None else asked
+    used = search.using(search.instruments(here) if asked is None else asked)
     history, left = [here.log_likelihood], 0.0
     for number in range(sets):
         if number:
-            used = search.instruments(here)
+            used = search.using(search.instruments(here))
         before, shorter = search.density(here), 0
         if counts.any():
             here = search.farther(used, here)
@@ -184,7 +184,21 @@ def climbed(
         tolerated=0.5 * MOST_DOUBT * search.count,
     )
     doubt = max(2.0 * left / search.count, 1.0)
-    return Weighed(settled, *search.told(used, here, settled), used, doubt)
+    return Weighed(settled, *search.told(used, here, settled), used.asked, doubt)
+
+
+class _Using(NamedTuple):
+    """Instruments, and what of them is the same from wherever the flight is asked.
+
+    Attributes:
+        asked: the instruments.
+        scatter: of the sums made with them, of the rows from which everything is learned.
+        slope: by how much errors of all unknowns move these sums.
+    """
+
+    asked: Instruments
+    scatter: Float[np.ndarray, "unknown unknown"]
+    slope: Float[np.ndarray, "unknown unknown"]
 
 
 class _Search:
@@ -258,17 +272,21 @@ class _Search:
 
     def instruments(self, point: Point) -> Instruments:
         """Of all rows about a point."""
-        return likelihood.instruments(
+        of = likelihood.Asking(
             *(self._model, *self.unknowns(point), point.path, np.ones_like(self._counts)),
             *(self._by.free, self._by.sizes, scoring.marked(self._like, scoring.BY_LIKELIHOOD)),
-            stretch=(self._by.curvature, self._by.precision),
         )
+        return likelihood.instruments(of)
+
+    def using(self, asked: Instruments) -> _Using:
+        """Instruments, ready to be used at every step nearby."""
+        return _Using(asked, *self._moved(asked, self._counts))
 
     def quadratic(
-        self, asked: Instruments, point: Point
+        self, used: _Using, point: Point
     ) -> tuple[Float[np.ndarray, "unit unit"], Float[np.ndarray, " unit"]]:
         """Information, beliefs included, and slope of the density, in units of the beliefs."""
-        matrix, score = self._scored(asked, point, self._counts)
+        matrix, score = self._scored(used, point, self._counts)
         inner = np.eye(self._both.shape[1]) + self._both.T @ matrix @ self._both
         return inner, self._both.T @ score - self.off(point)
 
@@ -308,23 +326,25 @@ class _Search:
                 return there, number
         return None, len(SHARES)
 
-    def farther(self, asked: Instruments, here: Point) -> Point:
+    def farther(self, used: _Using, here: Point) -> Point:
         """A point farther along each lag that beliefs leave free, as far as it gains.
 
         Lags are asked by the likelihood's own slope, and where a sensor's noise is not the model's
         this falls off more slowly than it scatters: of an autopilot's airspeed eight times more
         slowly, so that steps were an eighth of what was missing, and promised next to nothing.
         """
-        scatter, sums = likelihood.told(asked, here.whitened, self._counts)
+        sums = likelihood.sums(used.asked, here.whitened, self._counts)
         covariance = self._root @ self._root.T
         places = np.flatnonzero(self._by.free[0])
-        for number in np.flatnonzero(asked.by_likelihood[: places.size]):
+        for number in np.flatnonzero(used.asked.by_likelihood[: places.size]):
             place = places[number]
             variance = covariance[place, place]
             # Were it for the beliefs alone, that much could be gained.
             if abs(sums[number]) * np.sqrt(variance) < NEAR:
                 continue
-            step = sums[number] / (scatter[number, number] * variance + 1.0) * covariance[place]
+            step = (
+                sums[number] / (used.scatter[number, number] * variance + 1.0) * covariance[place]
+            )
             best = here
             for doubled in range(DOUBLED):
                 means = self._means(here.values + 2.0**doubled * step)
@@ -335,14 +355,15 @@ class _Search:
             here = best
         return here
 
-    def told(self, asked: Instruments, point: Point, done: Settled) -> tuple[Told, Told]:
+    def told(self, used: _Using, point: Point, done: Settled) -> tuple[Told, Told]:
         """What fitted rows say of all parameters, and what the others say."""
         count = int(self._by.free[0].sum())
         off = self.off(point)[self._root.shape[1] :]
         mine = godambe.integrated(
-            *self._scored(asked, point, self._counts), self._spread**-2.0, -off / self._spread
+            *self._scored(used, point, self._counts), self._spread**-2.0, -off / self._spread
         )
-        matrix, score = self._scored(asked, point, done.apart)
+        others = _Using(used.asked, *self._moved(used.asked, done.apart))
+        matrix, score = self._scored(others, point, done.apart)
         free, last = self._by.free[0], done.last
         return (
             godambe.placed(*mine, free, last.told.count),
@@ -352,11 +373,19 @@ class _Search:
     def _means(self, values: Float[np.ndarray, " parameter"]) -> Means:
         return self._unravel(jnp.asarray(values))
 
-    def _scored(
-        self, asked: Instruments, point: Point, counts: Bool[np.ndarray, " sample"]
-    ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
-        scatter, score = likelihood.told(asked, point.whitened, counts)
+    def _moved(
+        self, asked: Instruments, counts: Bool[np.ndarray, " sample"]
+    ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, "unknown unknown"]]:
+        """How the sums of the rows that count scatter, and how errors move them."""
+        scatter = likelihood.scatter(asked, counts)
         if not counts.any():
-            return scatter, score
-        slope = self._by.curvature.on(scatter, self._by.precision).slope
-        return godambe.quadratic(slope, scatter, score, self._by.precision)
+            return scatter, scatter
+        return scatter, self._by.curvature.on(scatter, self._by.precision).slope
+
+    def _scored(
+        self, used: _Using, point: Point, counts: Bool[np.ndarray, " sample"]
+    ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
+        score = likelihood.sums(used.asked, point.whitened, counts)
+        if not counts.any():
+            return used.scatter, score
+        return godambe.quadratic(used.slope, used.scatter, score, self._by.precision)

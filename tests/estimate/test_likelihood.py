@@ -46,14 +46,16 @@ def run(values: jax.Array, logs: jax.Array, path: Path, times: int = 4) -> tuple
 
 
 @pytest.fixture(scope="module")
-def asked(path: Path) -> likelihood.Instruments:
+def curved(path: Path) -> tuple[likelihood.Instruments, likelihood.Curvature]:
     free = np.arange(FLAT.size) < DERIVATIVES + 7, np.ones(LOGS.size, dtype=bool)
     # No vanes: nothing is to be known of their noise.
     free[1][-1] = False
     sizes = np.full(FLAT.size, 1e-4)
     every = np.ones(made.COUNT, dtype=bool)
     by_likelihood = np.ones(FLAT.size, dtype=bool)
-    return likelihood.instruments(made.MODEL, *KNOWN, path, every, free, sizes, by_likelihood)
+    return likelihood.curved(
+        likelihood.Asking(made.MODEL, *KNOWN, path, every, free, sizes, by_likelihood)
+    )
 
 
 def differences(index: int, path: Path) -> tuple[float, np.ndarray, np.ndarray]:
@@ -77,15 +79,16 @@ def differences(index: int, path: Path) -> tuple[float, np.ndarray, np.ndarray]:
     return slope, change, turned
 
 
-def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) -> None:
+def test_slope_and_information_are_those_of_the_filter_run_again(path, curved) -> None:
     """Of every unknown by itself, and of each with the first.
 
     The path follows parameters; intensities hardly move it.
     """
+    asked, curvature = curved
     _, steps = run(FLAT, LOGS, path)
     white = np.concatenate([done.whitened for done in steps])
     found = likelihood.scores(asked, white).sum(axis=0)
-    size = np.sqrt(np.diagonal(asked.curvature.information))
+    size = np.sqrt(np.diagonal(curvature.information))
     _, first, first_turned = differences(0, path)
     for index in range(len(found)):
         slope, change, turned = differences(index, path)
@@ -93,55 +96,56 @@ def test_slope_and_information_are_those_of_the_filter_run_again(path, asked) ->
         both = np.sum(first * change) + 0.5 * np.sum(first_turned * turned.swapaxes(1, 2))
         # The path moves as it would with the gains held: to a twentieth of a deviation.
         assert found[index] / size[index] == pytest.approx(slope / size[index], abs=0.05), index
-        assert asked.curvature.information[index, index] == pytest.approx(told, rel=0.02), index
+        assert curvature.information[index, index] == pytest.approx(told, rel=0.02), index
         scale = size[0] * size[index]
-        assert asked.curvature.information[0, index] / scale == pytest.approx(
-            both / scale, abs=0.01
-        ), index
+        assert curvature.information[0, index] / scale == pytest.approx(both / scale, abs=0.01), (
+            index
+        )
 
 
-def test_rows_that_are_not_asked_tell_nothing(path, asked) -> None:
+def test_rows_that_are_not_asked_tell_nothing(path, curved) -> None:
+    curvature = curved[1]
     free = np.arange(FLAT.size) < 2, np.zeros(LOGS.size, dtype=bool)
     half = np.arange(made.COUNT) < made.COUNT // 2
     sizes = np.full(FLAT.size, 1e-4)
     both = [
-        likelihood.instruments(
-            made.MODEL, *KNOWN, path, counts, free, sizes, np.ones(FLAT.size, dtype=bool)
-        ).curvature.information
+        likelihood.curved(
+            likelihood.Asking(
+                made.MODEL, *KNOWN, path, counts, free, sizes, np.ones(FLAT.size, dtype=bool)
+            )
+        )[1].information
         for counts in (half, ~half)
     ]
-    np.testing.assert_allclose(both[0] + both[1], asked.curvature.information[:2, :2], rtol=1e-5)
+    np.testing.assert_allclose(both[0] + both[1], curvature.information[:2, :2], rtol=1e-5)
     assert np.all(np.diagonal(both[0]) > 0.0)
     assert np.all(np.diagonal(both[1]) > 0.0)
     assert jnp.isfinite(both[0]).all()
 
 
-def test_asked_at_held_gains_it_is_the_estimating_equation(path, asked) -> None:
+def test_asked_at_held_gains_it_is_the_estimating_equation(path, curved) -> None:
     """Sums and their scatter are those of `causal.passed`; they move by Jᵀ T."""
     free = np.arange(FLAT.size) < DERIVATIVES, np.zeros(LOGS.size, dtype=bool)
     every, none = np.ones(made.COUNT, dtype=bool), np.zeros(FLAT.size, dtype=bool)
     sizes = np.full(FLAT.size, 1e-4)
-    held = likelihood.instruments(made.MODEL, *KNOWN, path, every, free, sizes, none)
+    held, told = likelihood.curved(
+        likelihood.Asking(made.MODEL, *KNOWN, path, every, free, sizes, none)
+    )
     done = causal.passed(made.MODEL, *KNOWN, path, every)
     taken = np.ix_(free[0], free[0])
     size = np.sqrt(np.diagonal(done.told.matrix)[free[0]])
     unit = np.outer(size, size)
-    np.testing.assert_allclose(
-        held.curvature.scatter / unit, done.told.matrix[taken] / unit, atol=1e-5
-    )
+    np.testing.assert_allclose(told.scatter / unit, done.told.matrix[taken] / unit, atol=1e-5)
     score = likelihood.scores(held, done.whitened).sum(axis=0)
     np.testing.assert_allclose(score / size, done.told.score[free[0]] / size, atol=1e-4)
     # What the likelihood itself would know does not hang on how it is asked.
-    known = asked.curvature.information[:DERIVATIVES, :DERIVATIVES]
-    np.testing.assert_allclose(held.curvature.information / unit, known / unit, atol=1e-4)
+    known = curved[1].information[:DERIVATIVES, :DERIVATIVES]
+    np.testing.assert_allclose(told.information / unit, known / unit, atol=1e-4)
     white = np.concatenate(held.innovations, axis=1)
     for place in (0, 4):
         _, change, _ = differences(place, path)
         wanted = np.einsum("ukr,kr->u", white, change)
         scale = size * size[place]
-        np.testing.assert_allclose(
-            held.curvature.slope[:, place] / scale, wanted / scale, atol=0.02
-        )
+        np.testing.assert_allclose(told.slope[:, place] / scale, wanted / scale, atol=0.02)
 
 
 def test_with_the_curvature_of_a_stretch_only_what_the_likelihood_finds_is_worked_out(path) -> None:
@@ -151,19 +155,35 @@ def test_with_the_curvature_of_a_stretch_only_what_the_likelihood_finds_is_worke
     first = np.arange(FLAT.size) == 2
     _, steps = run(FLAT, LOGS, path)
     white = np.concatenate([done.whitened for done in steps])
-    args = (made.MODEL, *KNOWN, path, every, free, sizes, first)
-    whole = likelihood.instruments(*args)
-    precision = np.zeros_like(whole.curvature.slope)
-    part = likelihood.instruments(*args, stretch=(whole.curvature, precision))
+    of = likelihood.Asking(made.MODEL, *KNOWN, path, every, free, sizes, first)
+    whole, curvature = likelihood.curved(of)
+    part = likelihood.instruments(of)
     np.testing.assert_array_equal(
         part.by_likelihood, [False, False, True, *whole.by_likelihood[3:]]
     )
     np.testing.assert_allclose(likelihood.scores(part, white), likelihood.scores(whole, white))
-    size = np.sqrt(np.diagonal(whole.curvature.scatter))
-    for mine, other in zip(part.curvature, whole.curvature, strict=True):
+    carried = curvature.on(likelihood.scatter(part, every), np.zeros_like(curvature.slope))
+    size = np.sqrt(np.diagonal(curvature.scatter))
+    for mine, other in zip(carried, curvature, strict=True):
         np.testing.assert_allclose(
             mine / np.outer(size, size), other / np.outer(size, size), atol=1e-6
         )
+
+
+def test_sums_and_scatter_of_some_rows_are_those_of_their_blocks(path, curved) -> None:
+    """As `scores` has them, row block by row block, and the scatter of parts adds up."""
+    asked, curvature = curved
+    _, steps = run(FLAT, LOGS, path)
+    white = np.concatenate([done.whitened for done in steps])
+    size = np.sqrt(np.diagonal(curvature.scatter))
+    blocks = likelihood.scores(asked, white)
+    early = np.arange(made.COUNT) < 3 * causal.BLOCK
+    found = likelihood.sums(asked, white, early)
+    np.testing.assert_allclose(found / size, blocks[:3].sum(axis=0) / size, atol=1e-6)
+    parts = likelihood.scatter(asked, early) + likelihood.scatter(asked, ~early)
+    np.testing.assert_allclose(
+        parts / np.outer(size, size), curvature.scatter / np.outer(size, size), atol=1e-12
+    )
 
 
 def test_a_flight_of_four_stretches_is_four_times_as_curved() -> None:
