@@ -233,7 +233,8 @@ def investigate(
     ranked = tuple(_doubted(one, reached) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(standing)
-    ranked, probability = unlisted.weighed(ranked, missing)
+    plain = ranked
+    ranked, probability = unlisted.weighed(plain, missing)
     if missing is not None and unlisted.named(missing, probability, ranked):
         wider = asked.question(reached, missing).as_late_as(question)
         begun = question.carried(standing.settled, wider, missing)
@@ -244,8 +245,13 @@ def investigate(
             wider.relations(begun),
             causes=(UNLISTED,),
         )
-        missing, gained = wider.found(with_it, missing)
-        question, done = wider, with_it.each
+        settled_with, settled_gain = wider.found(with_it, missing)
+        own = gain.gained(information, apart, listed, plain[0].causes) if apart.count else 0.0
+        won = (settled_gain - own) * apart.count if apart.count else 0.0
+        ranked, probability = unlisted.weighed(plain, missing, won)
+        if unlisted.named(missing, probability, ranked):
+            missing, gained = settled_with, settled_gain
+            question, done = wider, with_it.each
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
     for subject, last in zip(question.subjects, done, strict=True):
         settled.rested(subject, last.settled)

@@ -123,15 +123,23 @@ def gained(
 
 
 def weighed(
-    ranked: Sequence[Ranked], missing: MissingTerm | None
+    ranked: Sequence[Ranked], missing: MissingTerm | None, won: float = 0.0
 ) -> tuple[tuple[Ranked, ...], float]:
-    """The sets of causes with what is left to them, and the probability of something unlisted."""
+    """The sets of causes with what is left to them, and the probability of something unlisted.
+
+    Args:
+        ranked: sets of causes, the most probable first.
+        missing: a term that the flights ask for; None for none.
+        won: by how much what took no part speaks for it and against the first set [nat]. (In a wind
+            that grows with height the square of the angle of attack in Cm had as much evidence as
+            the wind where they were fitted, and half of its gain on what was not.)
+    """
     if missing is None:
         return tuple(ranked), 0.0
     # Over the prior, every set's probability holds the same factor.
     best = ranked[0]
     share = np.log(best.probability * PRIOR_OF_UNLISTED / best.prior)
-    probability = float(expit(missing.log_bayes_factor - best.log_bayes_factor + share))
+    probability = float(expit(missing.log_bayes_factor + won - best.log_bayes_factor + share))
     left = 1.0 - probability
     return tuple(replace(one, probability=left * one.probability) for one in ranked), probability
 

@@ -220,6 +220,10 @@ def test_what_a_cause_explains_as_well_is_not_called_unlisted() -> None:
     surer = replace(found, log_bayes_factor=found.log_bayes_factor + 20.0)
     assert unlisted.weighed(ranked, surer)[1] > 0.99
     assert unlisted.weighed(ranked, None) == (ranked, 0.0)
+    # What took no part speaks against it by ten nats: odds fall by as much.
+    less = unlisted.weighed(ranked, found, -10.0)[1]
+    odds = [share / (1.0 - share) for share in (probability, less)]
+    assert odds[1] / odds[0] == pytest.approx(np.exp(-10.0))
 
 
 def test_the_most_extreme_size_is_told_in_its_own_causes_sigmas() -> None:
