@@ -339,6 +339,35 @@ class Question:
             for number, (one, own) in enumerate(zip(done, self.before, strict=True))
         ]
 
+    def reached(self, found: Answer) -> dict[str, float]:
+        """Values at which flights ended of what causes freed of the servos, on average.
+
+        With what is ordinarily off in the same way.
+        """
+        listed, values = self.listed, dict[str, float]()
+        for name in (name for each in found.causes for name in each.frees):
+            along = listed.directions[:, listed.names.index(name) - listed.parameters]
+            own = {each: 1.0 / along[each] for each in np.flatnonzero(along)}
+            if len(own) != 1:
+                continue
+            if name in listed.beside:
+                own[listed.names.index(listed.beside[name])] = 1.0
+            values[name] = float(
+                np.mean(
+                    [
+                        sum(weight * off[places == each].sum() for each, weight in own.items())
+                        for off, places in zip(self._off(found), listed.own, strict=True)
+                    ]
+                )
+            )
+        return values
+
+    def _off(self, found: Answer) -> list[Float[np.ndarray, " parameter"]]:
+        """Where flights ended, from what was believed of them before."""
+        return [
+            done.values - own.mean for done, own in zip(found.settled, self.before, strict=True)
+        ]
+
     def missing(self, found: Answer) -> tuple[MissingTerm | None, float]:
         """A term that nothing listed stands for, and what it gains on what took no part."""
         products = terms(self.quantities.aircraft.control_names)

@@ -38,6 +38,9 @@ class Question:
     def at_delays_of(self, _causes: object) -> Question:
         return self
 
+    def reached(self, _found: Answer) -> dict[str, float]:
+        return {}
+
     def answered(self, *_given: object, **_named: object) -> Answer:
         information = told({"cg.x": -0.1})
         return Answer((), (), information, information.weighed(0.5))
@@ -186,8 +189,38 @@ def test_sizes_of_servos_are_not_moved_on_where_the_flight_is_far_less_likely(
     monkeypatch.setattr(
         investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
     )
-    monkeypatch.setattr(investigation.quantities, "servo_sizes", lambda *_: next(wanted))
+    monkeypatch.setattr(
+        *(investigation.quantities, "servo_sizes"),
+        lambda _values, _before, *within: None if within else next(wanted),
+    )
     monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
     assert over.value.args[0].log_likelihood == stands
+
+
+@pytest.mark.parametrize(("ends", "stands"), [((0.0, 40.0, 45.0), 45.0), ((0.0, -5.0), 0.0)])
+def test_servos_are_tried_where_they_are_before_other_causes_are_weighed(
+    monkeypatch, ends: tuple[float, ...], stands: float
+) -> None:
+    """As long as sizes move, and the flight grows more probable by it."""
+    question = Restless(*((likelihood, 2.0) for likelihood in ends))
+    built: list[object] = []
+    nearer = iter(({"lag.elevator": 0.15}, {"lag.elevator": 0.2}, None))
+    monkeypatch.setattr(Restless, "with_servos", lambda self, _found: self, raising=False)
+    monkeypatch.setattr(investigation.quantities, "build", lambda *given: built.append(given[2]))
+    monkeypatch.setattr(
+        *(investigation.quantities, "servo_sizes"),
+        lambda _values, _before, *within: next(nearer) if within else None,
+    )
+    best = Ranked(
+        (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
+    )
+    monkeypatch.setattr(
+        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
+    )
+    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert over.value.args[0].log_likelihood == stands
+    assert built == [{"lag.elevator": 0.15}, {"lag.elevator": 0.2}][: len(ends) - 1]

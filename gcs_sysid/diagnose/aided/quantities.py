@@ -290,7 +290,7 @@ def with_term(found: Quantities, coefficient: str, text: str, *, sigma: float) -
 
 
 def servo_sizes(
-    values: Mapping[str, float], before: Mapping[str, float]
+    values: Mapping[str, float], before: Mapping[str, float], within: float = NEARLY
 ) -> dict[str, float] | None:
     """Lags, play and delays among values of quantities, where they are not what was reckoned with.
 
@@ -299,6 +299,7 @@ def servo_sizes(
     Args:
         values: by name.
         before: what was reckoned with.
+        within: share within which that is right.
 
     Returns:
         What to reckon with, as `reached` of `build`; None if what it was is near enough.
@@ -310,7 +311,7 @@ def servo_sizes(
             continue
         known = before.get(name, usual)
         share = max(value / known, LEAST * usual / known)
-        if abs(share - 1.0) > NEARLY:
+        if abs(share - 1.0) > within:
             grown = share ** GROWS[name.partition(".")[0]]
             wanted[name] = known * min(max(grown, 0.25), 2.0)
     return {**before, **wanted} if wanted else None
