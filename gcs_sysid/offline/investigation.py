@@ -211,7 +211,7 @@ def investigate(
         # place of one of 0.1 s left over, by 340 nats.
         for _ in range(0 if overshot else RESIZED):
             own = asking.reached(trial)
-            nearer = quantities.servo_sizes(own, sizes or reached, ROUGHLY)
+            nearer = quantities.servo_sizes(own, sizes or reached, ROUGHLY, quantities.SEARCHED)
             if nearer is None:
                 break
             there = question.with_servos(quantities.build(aircraft, asked.flown, nearer))

@@ -181,10 +181,12 @@ def test_late_commands_are_taken_where_they_are(aircraft) -> None:
     }
     assert quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.0.07": 0.111}, reached) is None
     moved = quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.-0.07": -0.1}, reached)
-    assert moved is not None
-    assert moved["skew.SERVO_OUTPUT_RAW.0.07"] == 0.11
-    # Where more was found there is more yet.
-    assert moved["skew.SERVO_OUTPUT_RAW.-0.07"] == pytest.approx(-0.07 * (0.1 / 0.07) ** 1.8)
+    assert moved == pytest.approx({**reached, "skew.SERVO_OUTPUT_RAW.-0.07": -0.1})
+    # Where more was found by a search there is more yet; what is off by a twentieth stays.
+    late = {"skew.SERVO_OUTPUT_RAW.0.07": 0.083}
+    further = quantities.servo_sizes(late, {next(iter(late)): 0.067}, 0.05, quantities.SEARCHED)
+    assert further == pytest.approx({next(iter(late)): 0.067 * (0.083 / 0.067) ** 1.8})
+    assert quantities.servo_sizes(late, {next(iter(late)): 0.08}, 0.05, quantities.SEARCHED) is None
     # One of the other sign has next to nothing to take.
     moved = quantities.servo_sizes({"skew.SERVO_OUTPUT_RAW.-0.07": 0.1}, {})
     assert moved == pytest.approx({"skew.SERVO_OUTPUT_RAW.-0.07": -0.0175})
