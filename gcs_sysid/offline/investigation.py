@@ -43,7 +43,7 @@ ROUNDS = 4
 """Times that favourites are put to the test."""
 RESIZED = 3
 """Times that the same causes are tried with the sizes of servos' changes moved on."""
-ROUGHLY = 0.05
+ROUGHLY = 0.03
 """Share within which such a size is right enough to weigh other causes about it."""
 WORTH = 30.0
 """A file that is right but for more causes is looked into where it has less evidence by so much at
