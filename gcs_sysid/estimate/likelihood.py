@@ -244,10 +244,11 @@ def sums(
         counts: rows that are summed.
     """
     first, second, weight = _pairs(white.shape[1])
-    mask = np.zeros((white.shape[0], 1))
-    mask[: counts.size, 0] = counts
-    excess = 0.5 * weight * mask * (white[:, first] * white[:, second] - (first == second))
-    shown, excess = ((mask * white).astype(np.float32), excess.astype(np.float32))
+    counted = np.zeros((white.shape[0], 1), dtype=bool)
+    counted[: counts.size, 0] = counts
+    shown = np.where(counted, white, 0.0)
+    excess = 0.5 * weight * (shown[:, first] * shown[:, second] - (first == second) * counted)
+    shown, excess = shown.astype(np.float32), excess.astype(np.float32)
     found, begin = np.zeros(asked.by_likelihood.size), 0
     for change, spread in zip(asked.innovations, asked.spreads, strict=True):
         rows = slice(begin, begin + change.shape[1])

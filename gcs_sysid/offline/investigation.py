@@ -207,6 +207,7 @@ def investigate(
         trying = telling("trying", turn)
         trials = asking.tried(trying, asked_for, relations, every, accuracy)
         trial = max(trials, key=lambda one: one.log_likelihood)
+        won = trial.log_likelihood - trials[0].log_likelihood
         # Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
         # place of one of 0.1 s left over, by 340 nats.
         for _ in range(0 if overshot else RESIZED):
@@ -235,7 +236,6 @@ def investigate(
             # It stands in for what is in no catalogue, which is to be looked for without it.
             farthest = off
             break
-        won = trial.log_likelihood - trials[0].log_likelihood
         if twin is not None and won > REFUTED:
             needed = Needed((twin.other,), won)
         more = all(cause in trial.causes for cause in standing.causes)
