@@ -9,7 +9,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from gcs_sysid.diagnose.aided.ranking import ACCURACIES, RIGHT
+from gcs_sysid.diagnose.aided import other_names
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
@@ -224,3 +225,44 @@ def test_servos_are_tried_where_they_are_before_other_causes_are_weighed(
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
     assert over.value.args[0].log_likelihood == stands
     assert built == [{"lag.elevator": 0.15}, {"lag.elevator": 0.2}][: len(ends) - 1]
+
+
+def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
+    """Both names end alike; the first then gains thousands where its servo is."""
+
+    class Named(Restless):
+        """One end for each that is tried."""
+
+        def tried(self, telling, asked, relations, every, accuracy: float) -> list[Answer]:
+            one = super().tried
+            return [one(telling, [each], relations, every, accuracy)[0] for each in asked]
+
+    question = Named((5.0, 2.0), (0.0, 2.0), (3400.0, 2.0))
+    nearer = iter(({"lag.elevator": 0.15}, None))
+    for name, stub in (("with_servos", lambda self, _: self), ("at", lambda *_: [])):
+        monkeypatch.setattr(Named, name, stub, raising=False)
+    monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
+    monkeypatch.setattr(
+        *(investigation.quantities, "servo_sizes"),
+        lambda _values, _before, *within: next(nearer) if within else None,
+    )
+    twin = other_names.Renamed((EVERY[1],), EVERY[1], np.zeros(7))
+    monkeypatch.setattr(investigation.other_names, "renamed", lambda *_: twin)
+    best = Ranked(
+        (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
+    )
+    asked_for: list[Needed] = []
+
+    def ranked(_told, _listed, _every, needed: Needed) -> tuple[Ranked, ...]:
+        asked_for.append(needed)
+        return (best,)
+
+    monkeypatch.setattr(
+        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
+    )
+    monkeypatch.setattr(investigation, "rank", ranked)
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert over.value.args[0].log_likelihood == 3400.0
+    assert len(asked_for) > 1
+    assert set(asked_for) == {NONE_NEEDED}
