@@ -24,6 +24,7 @@ _BOTTOM = 44.0
 _HEADING = 26.0
 _FLAG = 5.0
 _LETTER = 5.9
+_CAPITAL = 8.3
 _LONGEST_NAME = 26
 _LEFT = 52.0
 _TICK_LINE = 42
@@ -148,8 +149,13 @@ def _base_layout(figure: Figure, *, height: float, top: float) -> dict:
 def _left(figure: Figure) -> float:
     """Room [px] beside the y axis for numbers, or for names."""
     names = [name for panel in figure.panels for name in panel.y.names]
-    longest = max((len(line) for name in names for line in _lines(name)), default=0)
-    return max(_LEFT, _LETTER * longest + 24.0)
+    longest = max((_width(line) for name in names for line in _lines(name)), default=0.0)
+    return max(_LEFT, longest + 24.0)
+
+
+def _width(line: str) -> float:
+    """Of words as they stand beside an axis [px]: names of messages are all capitals."""
+    return sum(_CAPITAL if letter.isupper() else _LETTER for letter in line)
 
 
 def _lines(name: str) -> list[str]:

@@ -4,6 +4,7 @@ import base64
 import itertools
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,9 @@ def test_names_stand_where_numbers_would_with_room_for_them() -> None:
     assert axis["range"] == [2.6, 0.4]
     assert bar["orientation"] == "h"
     assert made["layout"]["margin"]["l"] > 180.0
+    # Capitals are wider: the first letters of this one stood beyond the edge.
+    loud = replace(panel, y=Axis("explanation", "1", (1.6, 0.4), ("time_skew SERVO_OUTPUT_RAW",)))
+    assert specification(figure(panels=(loud,)))["layout"]["margin"]["l"] > 205.0
     made = painted(made)
     assert plotly.graph_objects.Figure(data=made["data"], layout=made["layout"])
 
