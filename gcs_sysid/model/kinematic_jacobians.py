@@ -7,7 +7,7 @@ matrices (a test holds both together). Written out they are a tenth of the opera
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model.kinematics import (
     BLOCKS,
     GRAVITY,
+    MEASURED,
     SIZE,
     Imu,
     Levers,
@@ -53,7 +54,7 @@ class Transition(NamedTuple):
 
     def dense(self) -> Float[Array, "state state"]:
         """The whole matrix."""
-        return self.times(jnp.eye(SIZE))
+        return jnp.concatenate([self.moving, self.kept[:, None] * jnp.eye(SIZE)[MOVING:]])
 
     def times(self, right: Float[Array, "state column"]) -> Float[Array, "state column"]:
         """Product with a matrix on its right."""
@@ -93,45 +94,62 @@ def transition(
 
 
 def linearised(
-    state: State, imu: Imu, measured: Measurements, levers: Levers
+    state: State,
+    imu: Imu,
+    measured: Measurements,
+    levers: Levers,
+    groups: Collection[str] = MEASURED.keys(),
 ) -> tuple[Float[Array, " row"], Float[Array, "row state"]]:
     """Innovation and the Jacobian of the expected measurement (minus that of the innovation).
 
-    Vanes are not asked about a gust along the flight path: see `_across`.
+    Vanes are not asked about a gust along the flight path: see `_across`. Arguments are those of
+    `kinematics.innovation`.
     """
     rest = state.rest
     rate = corrected(imu, rest).gyro
-    residual = innovation(state, imu, measured, levers)
+    residual = innovation(state, imu, measured, levers, groups)
 
     def moved(group: int, name: str) -> _Moved:
         return _moved(state, imu, measured.age[group], f"{name}_delay")
 
-    pitot, gps = moved(0, "airspeed"), moved(1, "velocity")
-    source, vanes = moved(2, "attitude"), moved(3, "vane")
-    speed_scale, vane_scale = part(rest, "airspeed_scale"), part(rest, "vane_scale")
-    airspeed = {
-        **_times((1.0 + speed_scale)[:, None] * jnp.eye(1, 3), _of_flow(pitot, rate, levers.pitot)),
-        "airspeed_scale": _without_gust(pitot, rate, levers.pitot)[:1, None],
-    }
-    error, offset = part(rest, "attitude_error"), part(rest, "attitude_offset")
-    ahead = inverse_left_jacobian(residual[4:7])
-    mounted = ahead @ matrix(frames.exponential(offset)).T
-    attitude = {
-        **_times(mounted, source.turn),
-        "attitude_error": mounted @ matrix(source.state.attitude).T @ right_jacobian(error),
-        "attitude_offset": ahead @ right_jacobian(offset),
-    }
-    turned = _times(
-        (1.0 + vane_scale)[:, None] * jnp.eye(2, 3, 1), _of_flow(vanes, rate, levers.vanes)
-    )
-    angles = {
-        **turned,
-        "gust": _across(turned["gust"], state),
-        "vane_bias": jnp.eye(2),
-        "vane_scale": jnp.diag(_without_gust(vanes, rate, levers.vanes)[1:]),
-    }
-    velocity = _of_ground_velocity(gps, rate, levers.velocity)
-    rows = [_row(airspeed), _row(velocity), _row(attitude), _row(angles)]
+    def airspeed() -> Sensitivity:
+        pitot, scale = moved(0, "airspeed"), part(rest, "airspeed_scale")
+        along = (1.0 + scale)[:, None] * jnp.eye(1, 3)
+        return {
+            **_times(along, _of_flow(pitot, rate, levers.pitot)),
+            "airspeed_scale": _without_gust(pitot, rate, levers.pitot)[:1, None],
+        }
+
+    def velocity() -> Sensitivity:
+        return _of_ground_velocity(moved(1, "velocity"), rate, levers.velocity)
+
+    def attitude() -> Sensitivity:
+        source = moved(2, "attitude")
+        error, offset = part(rest, "attitude_error"), part(rest, "attitude_offset")
+        ahead = inverse_left_jacobian(residual[MEASURED["attitude"]])
+        mounted = ahead @ matrix(frames.exponential(offset)).T
+        return {
+            **_times(mounted, source.turn),
+            "attitude_error": mounted @ matrix(source.state.attitude).T @ right_jacobian(error),
+            "attitude_offset": ahead @ right_jacobian(offset),
+        }
+
+    def vanes() -> Sensitivity:
+        angles, scale = moved(3, "vane"), part(rest, "vane_scale")
+        across = (1.0 + scale)[:, None] * jnp.eye(2, 3, 1)
+        turned = _times(across, _of_flow(angles, rate, levers.vanes))
+        return {
+            **turned,
+            "gust": _across(turned["gust"], state),
+            "vane_bias": jnp.eye(2),
+            "vane_scale": jnp.diag(_without_gust(angles, rate, levers.vanes)[1:]),
+        }
+
+    each = {"airspeed": airspeed, "velocity": velocity, "attitude": attitude, "vanes": vanes}
+    rows = [
+        _row(each[name]()) if name in groups else jnp.zeros((where.stop - where.start, SIZE))
+        for name, where in MEASURED.items()
+    ]
     return residual, jnp.concatenate(rows)
 
 

@@ -23,6 +23,7 @@ instead, the filter believes every roll to prove the heading right.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import jax
@@ -264,32 +265,57 @@ def _indicated(
 
 
 def innovation(
-    state: State, imu: Imu, measured: Measurements, levers: Levers
+    state: State,
+    imu: Imu,
+    measured: Measurements,
+    levers: Levers,
+    groups: Collection[str] = MEASURED.keys(),
 ) -> Float[Array, " row"]:
-    """Measured minus expected, all groups; rows of absent groups are meaningless.
+    """Measured minus expected; rows of absent groups are meaningless.
 
     A sample describes the aircraft `delay` before its stamp. Angles of the attitude are the
     rotation vector from expected to measured, so no angle ever wraps.
+
+    Args:
+        state: of the aircraft.
+        imu: inertial sample of that time.
+        measured: what arrived.
+        levers: positions of the sensors.
+        groups: what is asked about; rows of the others are zero.
     """
     rest = state.rest
     rate = corrected(imu, rest).gyro
+    scales = jnp.concatenate([part(rest, "airspeed_scale"), part(rest, "vane_scale")])
 
     def at(group: int, delay: str) -> State:
         return shifted(state, imu, measured.age[group] - part(rest, delay)[0])
 
-    scales = jnp.concatenate([part(rest, "airspeed_scale"), part(rest, "vane_scale")])
-    speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
-    airspeed = measured.airspeed - speed[:1]
-    tracked = at(1, "velocity_delay")
-    velocity = measured.velocity - ground_velocity(tracked, rate, levers.velocity)
-    drifted = frames.multiply(
-        frames.exponential(part(rest, "attitude_error")), at(2, "attitude_delay").attitude
+    def airspeed() -> Array:
+        speed = _indicated(at(0, "airspeed_delay"), rate, levers.pitot, scales)
+        return measured.airspeed - speed[:1]
+
+    def velocity() -> Array:
+        tracked = at(1, "velocity_delay")
+        return measured.velocity - ground_velocity(tracked, rate, levers.velocity)
+
+    def attitude() -> Array:
+        drifted = frames.multiply(
+            frames.exponential(part(rest, "attitude_error")), at(2, "attitude_delay").attitude
+        )
+        expected = frames.multiply(drifted, frames.exponential(part(rest, "attitude_offset")))
+        return frames.logarithm(frames.multiply(frames.conjugate(expected), measured.attitude))
+
+    def vanes() -> Array:
+        angles = _indicated(at(3, "vane_delay"), rate, levers.vanes, scales)[1:]
+        return measured.vanes - angles - part(rest, "vane_bias")
+
+    each = {"airspeed": airspeed, "velocity": velocity, "attitude": attitude, "vanes": vanes}
+    return jnp.concatenate(
+        [
+            each[name]() if name in groups else jnp.zeros(rows.stop - rows.start)
+            for name, rows in MEASURED.items()
+        ]
     )
-    expected = frames.multiply(drifted, frames.exponential(part(rest, "attitude_offset")))
-    attitude = frames.logarithm(frames.multiply(frames.conjugate(expected), measured.attitude))
-    angles = _indicated(at(3, "vane_delay"), rate, levers.vanes, scales)[1:]
-    vanes = measured.vanes - angles - part(rest, "vane_bias")
-    return jnp.concatenate([airspeed, velocity, attitude, vanes])
 
 
 def flow(state: State, imu: Imu, lever: Float[Array, " axis"]) -> Float[Array, " three"]:

@@ -164,3 +164,28 @@ def test_without_that_library_nothing_changes(monkeypatch):
 
     monkeypatch.setattr(numerics.ctypes, "CDLL", absent)
     numerics.keep_freed_memory()
+
+
+@pytest.mark.parametrize("told", [None, "--xla_cpu_enable_concurrency_optimized_scheduler=true"])
+def test_listening_computes_in_one_thread_unless_told_otherwise(told):
+    """What stands in the environment stays."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("NPROC", "XLA_FLAGS")}
+    if told is not None:
+        environment["XLA_FLAGS"] = told
+    look = """
+from gcs_sysid.cli import numerics
+numerics.compute_in_one_thread()
+import os, jax, jax.numpy as jnp
+assert float(jnp.ones(3).sum()) == 3.0
+print(os.environ["NPROC"], jax.config.read("jax_cpu_enable_async_dispatch"), os.environ["XLA_FLAGS"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", look],
+        env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    threads, beside, flags = done.stdout.split(maxsplit=2)
+    assert (threads, beside) == ("1", "False")
+    wanted = told or "--xla_cpu_enable_concurrency_optimized_scheduler=false"
+    assert flags.split().count(wanted) == 1
+    assert flags.count("concurrency_optimized") == 1

@@ -46,7 +46,7 @@ DOWN = np.array([0.0, 0.0, GRAVITY])
 propagate = jax.jit(kinematics.propagate)
 transition = jax.jit(kinematic_jacobians.transition)
 innovation = jax.jit(kinematics.innovation)
-linearised = jax.jit(kinematic_jacobians.linearised)
+linearised = jax.jit(kinematic_jacobians.linearised, static_argnames="groups")
 compose = jax.jit(kinematics.compose)
 difference = jax.jit(kinematics.difference)
 
@@ -290,6 +290,21 @@ def test_measurement_jacobian_is_that_of_finite_differences(seed: int) -> None:
 
     in_calm = without_head_gust(by_differences(calm_expected), calm)
     np.testing.assert_allclose(still, in_calm, atol=2e-7)
+
+
+@pytest.mark.parametrize("asked", [("attitude",), ("airspeed", "vanes"), ("velocity",)])
+def test_groups_that_are_not_asked_about_are_nought_and_the_others_as_ever(
+    asked: tuple[str, ...],
+) -> None:
+    state, sample = random_state(7), random_imu(7)
+    measured = seen_from(state, sample, LEVERS, age=np.array([0.03, -0.01, 0.02, 0.005]))
+    measured = measured._replace(airspeed=measured.airspeed + 0.4, vanes=measured.vanes + 0.02)
+    every = linearised(state, sample, measured, LEVERS)
+    some = linearised(state, sample, measured, LEVERS, groups=asked)
+    for name, rows in kinematics.MEASURED.items():
+        for whole, part in zip(every, some, strict=True):
+            expected = whole[rows] if name in asked else np.zeros_like(whole[rows])
+            np.testing.assert_allclose(part[rows], expected, atol=1e-14)
 
 
 def without_head_gust(differences: np.ndarray, state: State) -> np.ndarray:
