@@ -7,12 +7,13 @@ is computed by functions of fixed shapes, compiled once.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gcs_sysid.aircraft import Aircraft, Propulsion, StreamTiming
 from gcs_sysid.estimate.coefficients import Thrust
@@ -137,6 +138,8 @@ class Commands:
         self._speeds = {channel: Ring(HISTORY, 2) for channel in self._engines}
         self._servos_heard = _Heard()
         self._speeds_heard = {channel: _Heard() for channel in self._engines}
+        self._outputs = tuple(servo_outputs.outputs(aircraft))
+        self._doubts: deque[tuple[float, float]] = deque(maxlen=HISTORY)
         self._now = -math.inf
 
     @property
@@ -172,6 +175,33 @@ class Commands:
         servos = (self._servos_heard,) if self._channels else ()
         return all(one.since <= since for one in (*servos, *self._speeds_heard.values()))
 
+    def known(
+        self, begin: Float[np.ndarray, " step"], end: Float[np.ndarray, " step"]
+    ) -> Bool[np.ndarray, " step"]:
+        """Whether it is known through each step where surfaces stood and what engines did.
+
+        As after landing (`servo_outputs.known`), but for a silence that still lasts, in which
+        nobody knows yet whether a command changed.
+
+        Args:
+            begin: of the steps [s].
+            end: of the steps [s].
+        """
+        there = self.heard and self.unbroken(float(begin[0])) and not self.missing
+        seen = np.full(begin.size, there)
+        for first, last in (*self._doubts, *self._silence()):
+            seen &= (end <= first) | (begin >= last)
+        return seen
+
+    def _silence(self) -> list[tuple[float, float]]:
+        """What is in doubt by a silence that still lasts."""
+        time = self._servos.newest(USUAL + 1)[:, 0]
+        if time.size < servo_outputs.LEAST_RATE:
+            return []
+        if self._now - time[-1] <= servo_outputs.longest(time):
+            return []
+        return [(float(time[-1]) + min(one.delay for one in self._outputs), math.inf)]
+
     def take(self, sample: Sample, time: float) -> None:
         """Keeps a command, or a motor's speed; of other samples only the time."""
         self._now = time
@@ -189,7 +219,10 @@ class Commands:
                     self._speeds_heard[channel].take(time)
 
     def _lost_before(self, row: Float[np.ndarray, " column"]) -> Float[np.ndarray, "lost column"]:
-        """What stands in for messages that a radio lost before this one: see `servo_outputs`."""
+        """What stands in for messages that a radio lost before this one: see `servo_outputs`.
+
+        After a silence that is longer than that, what was commanded in it is in doubt.
+        """
         newest = self._servos.newest(USUAL + 1)
         if len(newest) <= servo_outputs.LEAST_RATE:
             return np.zeros((0, row.size))
@@ -197,7 +230,12 @@ class Commands:
         # Nearly always, and for a tenth of what the median costs.
         if row[0] - time[-1] < 1.5 * np.diff(time).min():
             return np.zeros((0, row.size))
-        count = int(np.diff(servo_outputs.places(np.append(time, row[0])))[-1])
+        time = np.append(time, row[0])
+        count = int(np.diff(servo_outputs.places(time))[-1])
+        if count == 1 and time[-1] - time[-2] > servo_outputs.longest(time):
+            for output in self._outputs:
+                change = (row - newest[-1])[[1 + self._channels.index(output.channel)]]
+                self._doubts.extend(output.doubted(time[-2:-1], time[-1:], change))
         share = np.arange(1, count)[:, None] / count
         return newest[-1] + share * (row - newest[-1])
 

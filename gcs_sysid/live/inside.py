@@ -34,7 +34,8 @@ from gcs_sysid.reconstruct.aided_ekf import AidedFilter
 from gcs_sysid.reconstruct.aided_smoother import Beginning, positive
 
 FIRST_S = 60.0
-"""Flight that is fitted [s]: gusts and noise are known to some per cent after a minute."""
+"""Flight with known commands that is fitted [s]: gusts and noise are known to some per cent after a
+minute."""
 AGEING_S = 120.0
 """What the minute left unknown of derivatives and sensor errors comes back in so much flight [s].
 What is wrong in the intensities that a minute told bends derivatives however long it is flown: on
@@ -99,7 +100,7 @@ class Inside:
         if not follows:
             self._fed = []
         # Nothing is to be learned where nobody knows what was commanded.
-        self._fed = [*self._fed, fed] if fed.batch.rows.modelled.all() else []
+        self._fed = [*self._fed, fed] if fed.batch.rows.modelled.any() else []
         if self._collected >= FIRST_S:
             self._begin()
 
@@ -136,7 +137,8 @@ class Inside:
 
     @property
     def _collected(self) -> float:
-        return float(sum(one.batch.rows.step.sum() for one in self._fed))
+        each = (one.batch.rows for one in self._fed)
+        return float(sum(rows.step[rows.modelled].sum() for rows in each))
 
     def _restart(self) -> None:
         self._fed, self._fitting = [], False

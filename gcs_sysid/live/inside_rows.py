@@ -166,7 +166,7 @@ class InsideRows:
             gyro=np.where(there[:, None], gyro, 0.0),
             accelerometer=np.where(there[:, None], force, 0.0),
             inertial=there,
-            modelled=np.full(time.size, self._known(float(time[0] - step[0]))),
+            modelled=self._commands.known(time - step, time),
             measured=self._nearest(time, there, 0.5 * (time[-1] + self._kept[0].time)),
         )
         attitude = np.stack([one.estimate.attitude for one in kept])
@@ -177,12 +177,6 @@ class InsideRows:
             *(attitude * signs[:, None], velocity, wind, gust, gyro - bias, speed, lever)
         )
         return Batch(made, first, time)
-
-    def _known(self, since: float) -> bool:
-        """Whether all commands from then on are known [s]."""
-        return (
-            self._commands.heard and self._commands.unbroken(since) and not self._commands.missing
-        )
 
     def _controls(
         self, moments: Float[np.ndarray, "row moment"]

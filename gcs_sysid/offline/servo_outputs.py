@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -68,37 +69,68 @@ def known(
         end: of the steps [s].
     """
     stream = recording.streams[SERVO_STREAM]
-    late = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     seen = np.ones(begin.size, dtype=bool)
-    for channel, travel, delay, constant in _outputs(aircraft):
-        if not stream.has(f"pwm_{channel}"):
+    for output in outputs(aircraft):
+        if not stream.has(f"pwm_{output.channel}"):
             continue
-        time, sent = _reported(stream, (channel,))
+        time, sent = _reported(stream, (output.channel,))
         if time.size < LEAST_RATE:
             continue
-        silent = (np.diff(places(time)) == 1) & (np.diff(time) > _longest(time))
-        before, after = time[:-1][silent], time[1:][silent]
-        change = np.abs(np.diff(sent[channel]))[silent] / travel
-        change = np.where(after - before > LONG, np.maximum(change, COME_AND_GONE), change)
-        forgotten = constant * np.log(np.maximum(change, TOLD) / TOLD)
-        for first, last in zip(
-            (before + delay + late)[change > TOLD],
-            (after + delay + late + forgotten)[change > TOLD],
-            strict=True,
-        ):
+        silent = (np.diff(places(time)) == 1) & (np.diff(time) > longest(time))
+        change = np.diff(sent[output.channel])[silent]
+        for first, last in output.doubted(time[:-1][silent], time[1:][silent], change):
             seen &= (end <= first) | (begin >= last)
     return seen
 
 
-def _outputs(aircraft: Aircraft) -> Iterator[tuple[int, float, float, float]]:
-    """Channel, half travel [µs], delay and time constant [s] of everything that is commanded."""
+class Output(NamedTuple):
+    """Something that is commanded.
+
+    Attributes:
+        channel: of the output.
+        travel: half of it [µs].
+        delay: until the command acts, of the stream and of the servo [s].
+        constant: time constant [s].
+    """
+
+    channel: int
+    travel: float
+    delay: float
+    constant: float
+
+    def doubted(
+        self,
+        before: Float[np.ndarray, " silence"],
+        after: Float[np.ndarray, " silence"],
+        change: Float[np.ndarray, " silence"],
+    ) -> list[tuple[float, float]]:
+        """From when until when nobody knows where it stood [s].
+
+        Args:
+            before: last message before each silence [s].
+            after: first one after it [s].
+            change: of the command [µs].
+        """
+        size = np.abs(change) / self.travel
+        size = np.where(after - before > LONG, np.maximum(size, COME_AND_GONE), size)
+        forgotten = self.constant * np.log(np.maximum(size, TOLD) / TOLD)
+        first, last = before + self.delay, after + self.delay + forgotten
+        other = size > TOLD
+        return list(zip(first[other].tolist(), last[other].tolist(), strict=True))
+
+
+def outputs(aircraft: Aircraft) -> Iterator[Output]:
+    """Everything that is commanded."""
     used = set(control_channels(aircraft))
+    late = aircraft.streams.get(SERVO_STREAM, StreamTiming()).delay
     for servo in aircraft.servos:
         if servo.channel in used:
-            yield servo.channel, 0.5 * np.ptp(servo.pwm), servo.delay, servo.time_constant
+            travel = 0.5 * float(np.ptp(servo.pwm))
+            yield Output(servo.channel, travel, servo.delay + late, servo.time_constant)
     for engine in aircraft.propulsion:
         if engine.rpm is None:
-            yield engine.throttle_channel, 0.5 * np.ptp(engine.pwm), 0.0, engine.time_constant
+            travel = 0.5 * float(np.ptp(engine.pwm))
+            yield Output(engine.throttle_channel, travel, late, engine.time_constant)
 
 
 def _reported(
@@ -123,7 +155,7 @@ def places(time: Float[np.ndarray, " sample"]) -> Int[np.ndarray, " sample"]:
     return np.concatenate([[0], np.cumsum(count)])
 
 
-def _longest(time: Float[np.ndarray, " sample"]) -> float:
+def longest(time: Float[np.ndarray, " sample"]) -> float:
     """A longer interval is a silence [s]; none is in a stream without a steady rate."""
     steps = np.diff(time)
     return float((MOST_LOST + 1) * np.median(steps)) if _steady(steps) else np.inf

@@ -177,7 +177,8 @@ from gcs_sysid.cli import numerics
 numerics.compute_in_one_thread()
 import os, jax, jax.numpy as jnp
 assert float(jnp.ones(3).sum()) == 3.0
-print(os.environ["NPROC"], jax.config.read("jax_cpu_enable_async_dispatch"), os.environ["XLA_FLAGS"])
+beside = jax.config.read("jax_cpu_enable_async_dispatch")
+print(os.environ["NPROC"], beside, os.environ["XLA_FLAGS"])
 """
     done = subprocess.run(
         [sys.executable, "-c", look],

@@ -85,6 +85,8 @@ def test_rows_are_those_of_the_batch_run(live, listened, aircraft: Aircraft) -> 
     slopes = np.abs(rows.control_slopes[here] - batch.control_slopes[there])
     assert np.mean(slopes < 1e-3) > 0.9
     assert np.mean(np.abs(rows.settings[here] - batch.settings[there]) < 1e-4) > 0.9
+    assert np.mean(rows.modelled[here] == batch.modelled[there]) > 0.98
+    assert rows.modelled[here].mean() > 0.5
     np.testing.assert_allclose(rows.density[here], batch.density[there], rtol=1e-3)
     for index, group in enumerate(("airspeed", "velocity", "attitude")):
         seen, other = rows.measured.valid[here, index], batch.measured.valid[there, index]
