@@ -295,6 +295,13 @@ def test_only_flight_that_follows_is_fitted_and_whose_commands_are_known(
     for part in fed(silent, 200):
         one.take(part)
     assert (one.known.phase, fit.tasks) == ("collecting", [])
+    # Where some are known, these count.
+    told = np.arange(BATCH) % 2 == 0
+    half = [batch._replace(rows=batch.rows._replace(modelled=told)) for batch in every[:10]]
+    for part in fed(half, 300):
+        one.take(part)
+    known = sum(float(batch.rows.step[told].sum()) for batch in half)
+    assert one.known.collected == pytest.approx(known)
 
 
 def test_a_feed_without_a_filter_is_off_and_without_an_accelerometer_silent(
