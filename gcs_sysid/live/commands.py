@@ -196,7 +196,7 @@ class Commands:
     def _silence(self) -> list[tuple[float, float]]:
         """What is in doubt by a silence that still lasts."""
         time = self._servos.newest(USUAL + 1)[:, 0]
-        if time.size < servo_outputs.LEAST_RATE:
+        if time.size < servo_outputs.LEAST_RATE or not self._outputs:
             return []
         if self._now - time[-1] <= servo_outputs.longest(time):
             return []
@@ -207,8 +207,7 @@ class Commands:
         self._now = time
         if sample.stream == SERVO_STREAM and measured(sample, self._names):
             row = np.array([time, *(sample.channels[name] for name in self._names)])
-            for lost in self._lost_before(row):
-                self._servos.add(lost)
+            self._bridge(row)
             self._servos.add(row)
             self._servos_heard.take(time)
         elif sample.stream in RPM_STREAMS:
@@ -218,26 +217,26 @@ class Commands:
                     self._speeds[channel].add(np.array([time, sample.channels[name]]))
                     self._speeds_heard[channel].take(time)
 
-    def _lost_before(self, row: Float[np.ndarray, " column"]) -> Float[np.ndarray, "lost column"]:
-        """What stands in for messages that a radio lost before this one: see `servo_outputs`.
+    def _bridge(self, row: Float[np.ndarray, " column"]) -> None:
+        """Makes up for messages that a radio lost before this one: see `servo_outputs`.
 
         After a silence that is longer than that, what was commanded in it is in doubt.
         """
         newest = self._servos.newest(USUAL + 1)
         if len(newest) <= servo_outputs.LEAST_RATE:
-            return np.zeros((0, row.size))
-        time = newest[:, 0]
+            return
         # Nearly always, and for a tenth of what the median costs.
-        if row[0] - time[-1] < 1.5 * np.diff(time).min():
-            return np.zeros((0, row.size))
-        time = np.append(time, row[0])
+        if row[0] - newest[-1, 0] < 1.5 * np.diff(newest[:, 0]).min():
+            return
+        time = np.append(newest[:, 0], row[0])
         count = int(np.diff(servo_outputs.places(time))[-1])
         if count == 1 and time[-1] - time[-2] > servo_outputs.longest(time):
             for output in self._outputs:
                 change = (row - newest[-1])[[1 + self._channels.index(output.channel)]]
                 self._doubts.extend(output.doubted(time[-2:-1], time[-1:], change))
         share = np.arange(1, count)[:, None] / count
-        return newest[-1] + share * (row - newest[-1])
+        for lost in newest[-1] + share * (row - newest[-1]):
+            self._servos.add(lost)
 
     def controls(self, at: Float[np.ndarray, " sample"]) -> dict[str, Float[np.ndarray, " sample"]]:
         """Deflections as the air feels them [rad]; `at` always of the same length."""

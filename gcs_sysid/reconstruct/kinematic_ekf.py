@@ -32,7 +32,7 @@ from gcs_sysid.model.kinematics import (
 from gcs_sysid.reconstruct.observation import ROWS, observation
 
 OFTEN = ("attitude",)
-"""Most rows hold nothing else, and cost a third of one with everything: a program of their own."""
+"""Most rows hold nothing else, and cost half of one with everything: a program of their own."""
 EVERY = tuple(MEASURED)
 _OTHERS = np.array([name not in OFTEN for name in MEASURED])
 
