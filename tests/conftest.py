@@ -82,6 +82,16 @@ def compilation_cache() -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def computing_already(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that runs in the tests' own process finds JAX computing.
+
+    Flags of the compiler that were set now would change what compiled code is found by, and not how
+    it is compiled: jaxlib crashed on an entry of a process that had begun with them.
+    """
+    monkeypatch.setattr(numerics, "compute_in_one_thread", lambda: None)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """Folder of measured flights and truth cases beside the checkout."""
