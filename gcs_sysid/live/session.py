@@ -161,10 +161,11 @@ class Session:
         line = self._line()
         if line.broken:
             return f"link lost ({line.broken}), trying again"
+        compiling = "" if self.ready.is_set() else "; the filter is being compiled"
         if not self.heard:
-            return f"waiting for data on {self._link} ({self.silence:.0f} s)"
-        if not self.ready.is_set():
-            return "recording; the filter is being compiled"
+            return f"waiting for data on {self._link} ({self.silence:.0f} s){compiling}"
+        if compiling:
+            return f"recording{compiling}"
         quiet = f", quiet for {self.silence:.0f} s" if self.silence >= 2.0 else ""
         return self._station.phase() + quiet
 

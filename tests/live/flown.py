@@ -51,11 +51,7 @@ class Listener:
 
     def ready(self) -> None:
         """Waits until everything is compiled."""
-        self.until(
-            lambda found: (
-                "compiled" not in found["phase"] and found["inside"]["phase"] != "compiling"
-            )
-        )
+        self.until(lambda found: "compiled" not in found["phase"])
 
     def kill(self) -> str:
         """Ends it as a loss of power would; returns what it had said."""
