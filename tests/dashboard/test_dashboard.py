@@ -318,7 +318,7 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert "centre of gravity: -0.0622 ± 0.0078 mean chords forward (2 %)" in seen
     assert "Maneuver 3: elevator, 8 s" in seen
     assert "STOP: known to 10 %" in seen
-    assert "62 % learned" in seen or "63 % learned" in seen
+    assert "62 % learned by the first model" in seen or "63 % learned by the first model" in seen
     assert "rudder doublets — for Cn_rhat, CY_beta" in seen
     assert browser.evaluate("document.querySelectorAll('#map canvas').length") == 2
     pressed = "document.querySelector('#chooser [aria-pressed=true]').textContent"

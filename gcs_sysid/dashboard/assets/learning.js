@@ -31,7 +31,7 @@ function maneuver(live) {
     : `No maneuver in progress; ${flown} flown`;
   at("maneuver-stop").textContent = !one ? "" : one.stop ? `STOP: ${one.stop}` : "go on";
   at("gauge").value = one ? one.learned : 0;
-  at("gauge-share").textContent = one ? `${(100 * one.learned).toFixed(0)} % learned` : "";
+  at("gauge-share").textContent = one ? `${(100 * one.learned).toFixed(0)} % learned by the first model` : "";
   at("gauge-rows").replaceChildren(...(one ? one.gauge : []).map(row => cell("span",
     `${row.derivative} ${told(row.value, row.sd)} (wanted\u00a0±\u00a0${(BAND * row.sd_wanted).toPrecision(2)})`, "term")));
 }
