@@ -86,8 +86,8 @@ def compilation_cache() -> Path:
 def computing_already(monkeypatch: pytest.MonkeyPatch) -> None:
     """A command that runs in the tests' own process finds JAX computing.
 
-    Flags of the compiler that were set now would change what compiled code is found by, and not how
-    it is compiled: jaxlib crashed on an entry of a process that had begun with them.
+    Settings that `listen` makes before anything is computed come too late here, and those that JAX
+    still takes would make it compile everything once more for the tests that follow.
     """
     monkeypatch.setattr(numerics, "compute_in_one_thread", lambda: None)
 
