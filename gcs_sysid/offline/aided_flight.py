@@ -102,6 +102,7 @@ def prepare(
     states: Reconstruction,
     others: Sequence[tuple[Aircraft, float]] = (),
     *,
+    moving: Aircraft | None = None,
     late: float = 0.0,
 ) -> Flight:
     """Rows of the aided filter on the inertial unit's clock, holes filled.
@@ -115,6 +116,7 @@ def prepare(
         states: the kinematic reconstruction: sensors on one clock, and a first guess.
         others: the aircraft with one thing about its servos changed, and how much of it that is;
             each makes one of `Row.control_changes` and `Row.setting_changes`, per unit of it.
+        moving: the aircraft of which `Row.control_slopes` are taken; None for the same.
         late: delay of the surfaces beyond the file's [s] about which `Row.control_slopes` are
             taken: commands come in steps, and over some milliseconds surfaces turn corners.
     """
@@ -131,7 +133,8 @@ def prepare(
         return runge_kutta.inputs(_controls(recording, one, moments, late + further))
 
     controls = moved(aircraft)
-    slopes = (moved(aircraft, SLOPE_STEP) - controls) / SLOPE_STEP
+    there, now = (aircraft, controls) if moving is None else (moving, moved(moving))
+    slopes = (moved(there, SLOPE_STEP) - now) / SLOPE_STEP
 
     modelled = np.full(time.size, told)
     if told:

@@ -28,7 +28,7 @@ from gcs_sysid.diagnose.aided.ranking import (
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information, posterior
+from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.verdict import INCREDIBLE
 from gcs_sysid.estimate.settling import Settled
@@ -151,7 +151,7 @@ def investigate(
     asked = Asked(aircraft, flights, fitted, held_out)
     reached = dict[str, float]()
     question = asked.question()
-    listed, every = question.listed, question.every
+    every = question.every
     steps = len(flights) * (1 + ROUNDS)
 
     def telling(doing: str, turn: int) -> Telling:
@@ -160,7 +160,7 @@ def investigate(
         )
 
     def weighed(answer: Answer, needed: Needed = NONE_NEEDED) -> tuple[Ranked, ...]:
-        found = rank(answer.information, listed, every, needed)
+        found = rank(answer.information, question.listed, every, needed)
         kept(found)
         return found
 
@@ -178,7 +178,7 @@ def investigate(
     tested: set[frozenset[Candidate]] = {frozenset()}
     needed, farthest, right, overshot = NONE_NEEDED, 0.0, False, False
     for turn in range(1, ROUNDS + 1):
-        best = ranked[0]
+        best, listed = ranked[0], question.listed
         sizes = _sizes(listed, best, reached, overshot=overshot)
         again = frozenset(best.causes) in tested and sizes is None
         if again:
@@ -190,9 +190,10 @@ def investigate(
             best, right = other, True
             sizes = _sizes(listed, best, reached, overshot=overshot)
         accuracy = min(best.accuracy, RIGHT) if right else best.accuracy
-        asking = question
-        if sizes is not None:
-            asking = question.with_servos(quantities.build(aircraft, asked.flown, sizes))
+        asking, acting = question, _acting(listed, best.causes)
+        if sizes is not None or acting != question.listed.acting.keys():
+            given = (asked.flown, reached if sizes is None else sizes, acting)
+            asking = question.with_servos(quantities.build(aircraft, *given))
         asking = asking.at_delays_of(best.causes)
         foretold = listed.alone(best.causes, best.posterior.mean)
         near = standing if asking is question else None
@@ -211,12 +212,14 @@ def investigate(
         # Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
         # place of one of 0.1 s left over, by 340 nats.
         for _ in range(0 if overshot else RESIZED):
-            own = asking.reached(trial)
-            nearer = quantities.servo_sizes(own, sizes or reached, ROUGHLY, quantities.SEARCHED)
+            found = _found(asking.listed, trial, accuracy)
+            own = _freed(asking.listed, trial.causes, found)
+            acting = _acting(listed, trial.causes)
+            nearer = quantities.servo_sizes(own, sizes or reached, ROUGHLY, acting)
             if nearer is None:
                 break
-            there = question.with_servos(quantities.build(aircraft, asked.flown, nearer))
-            there = there.at_delays_of(trial.causes)
+            there = quantities.build(aircraft, asked.flown, nearer, acting)
+            there = question.with_servos(there).at_delays_of(trial.causes)
             going_on = [Trial(trial.causes, trial.settled, None, None)]
             further = there.tried(trying, going_on, relations, every, accuracy)[0]
             if further.log_likelihood < trial.log_likelihood:
@@ -231,7 +234,7 @@ def investigate(
         calmer = trial.left < standing.left and lost <= REFUTED and not standing.ended
         if again and not (calmer or _likelier(trial, standing, listed, every, needed)):
             break
-        off = listed.farthest(trial.causes, _found(listed, trial, accuracy))
+        off = listed.farthest(trial.causes, _found(asking.listed, trial, accuracy))
         if off >= INCREDIBLE:
             # It stands in for what is in no catalogue, which is to be looked for without it.
             farthest = off
@@ -248,7 +251,8 @@ def investigate(
         standing = question.rested(flying, standing, relations)
         ranked = weighed(standing, needed)
     information, apart, done = standing.information, standing.apart, standing.each
-    ranked = tuple(_doubted(one, reached) for one in ranked)
+    listed = question.listed
+    ranked = tuple(_doubted(one, reached, listed) for one in ranked)
     progress("looking for what no cause stands for", (steps - 1) / steps)
     missing, gained = question.missing(standing)
     plain = ranked
@@ -339,18 +343,26 @@ def _likelier(
 
 def _found(listed: Unknowns, trial: Answer, accuracy: float) -> Float[np.ndarray, " unknown"]:
     """What flights say of all unknowns where they were searched with causes set free."""
-    given = listed.as_accurate(accuracy).freed(trial.causes)
-    return posterior(trial.information, *given).mean
+    return listed.as_accurate(accuracy).estimated(trial.information, trial.causes).mean
 
 
-def _doubted(one: Ranked, reached: Mapping[str, float]) -> Ranked:
+def _acting(listed: Unknowns, causes: Sequence[Candidate]) -> set[str]:
+    """Lags and delays that causes free, of which it is known what more of them does."""
+    freed = {name for one in causes for name in one.frees}
+    return {name for name in freed if f"{quantities.MORE}{name}" in listed.names}
+
+
+def _doubted(one: Ranked, reached: Mapping[str, float], listed: Unknowns) -> Ranked:
     """As sure of lag and play as the size allows at which their change was taken."""
     estimates = tuple(
         tuple(
             replace(
                 item,
                 deviation=float(
-                    np.hypot(item.deviation, quantities.servo_doubt(name, item.value, reached))
+                    np.hypot(
+                        item.deviation,
+                        quantities.servo_doubt(name, item.value, reached, listed.acting),
+                    )
                 ),
             )
             for name, item in zip(candidate.frees, found, strict=True)
@@ -374,18 +386,20 @@ def _sizes(
         overshot: whether the flight was far less likely with sizes moved on from there, so that
             these stay. What is wrong beside a lag can make it seem longer wherever it is taken.
     """
-    sizes = quantities.servo_sizes(_freed(listed, best), reached)
+    own = _freed(listed, best.causes, best.posterior.mean)
+    sizes = quantities.servo_sizes(own, reached, acting=listed.acting)
     if sizes is None or not overshot:
         return sizes
     kept = {**sizes, **reached}
     return kept if kept.keys() > reached.keys() else None
 
 
-def _freed(listed: Unknowns, best: Ranked) -> dict[str, float]:
+def _freed(
+    listed: Unknowns, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]
+) -> dict[str, float]:
     """Values of the quantities that causes free, with what is ordinarily off in the same way."""
-    values = best.posterior.mean
     found = {}
-    for name in (name for candidate in best.causes for name in candidate.frees):
+    for name in (name for candidate in causes for name in candidate.frees):
         parts = [name, *([listed.beside[name]] if name in listed.beside else [])]
         found[name] = float(sum(values[listed.names.index(each)] for each in parts))
     return found

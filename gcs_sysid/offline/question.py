@@ -196,7 +196,8 @@ class Question:
     def with_servos(self, found: Quantities) -> Question:
         """The same of servos that are reckoned with otherwise."""
         subjects = tuple(settled.with_servos(one, found) for one in self.subjects)
-        return replace(self, quantities=found, subjects=subjects)
+        listed = replace(self.listed, acting=found.acting)
+        return replace(self, quantities=found, subjects=subjects, listed=listed)
 
     def at_delays_of(self, causes: Sequence[Candidate]) -> Question:
         """The same with surfaces looked up where causes that delay them leave them.
@@ -337,35 +338,6 @@ class Question:
         return [
             replace(one, values=own.mean + self.listed.in_flight(number, values))
             for number, (one, own) in enumerate(zip(done, self.before, strict=True))
-        ]
-
-    def reached(self, found: Answer) -> dict[str, float]:
-        """Values at which flights ended of what causes freed of the servos, on average.
-
-        With what is ordinarily off in the same way.
-        """
-        listed, values = self.listed, dict[str, float]()
-        for name in (name for each in found.causes for name in each.frees):
-            along = listed.directions[:, listed.names.index(name) - listed.parameters]
-            own = {each: 1.0 / along[each] for each in np.flatnonzero(along)}
-            if len(own) != 1:
-                continue
-            if name in listed.beside:
-                own[listed.names.index(listed.beside[name])] = 1.0
-            values[name] = float(
-                np.mean(
-                    [
-                        sum(weight * off[places == each].sum() for each, weight in own.items())
-                        for off, places in zip(self._off(found), listed.own, strict=True)
-                    ]
-                )
-            )
-        return values
-
-    def _off(self, found: Answer) -> list[Float[np.ndarray, " parameter"]]:
-        """Where flights ended, from what was believed of them before."""
-        return [
-            done.values - own.mean for done, own in zip(found.settled, self.before, strict=True)
         ]
 
     def missing(self, found: Answer) -> tuple[MissingTerm | None, float]:

@@ -20,6 +20,7 @@ from gcs_sysid import regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.diagnose.aided import beliefs, quantities
 from gcs_sysid.diagnose.aided.quantities import Flown, Quantities
+from gcs_sysid.diagnose.aided.ranking import RIGHT
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
@@ -39,6 +40,11 @@ RELATED = 2000
 """Rows of the stretch on which it is worked out how errors move scores."""
 STRAIGHT = 2.0 * aided_flight.SLOPE_STEP
 """Surfaces are taken to move on as they do over so much of a delay [s]."""
+ASTRAY, LEFT = 8.0, 0.1
+"""A value of the file that is off by so many of its sigmas, and of which so small a share is left,
+has gone astray: no file that is known to a tenth has an aileron without effect."""
+SHARES = ("mass", "inertia", "thrust")
+"""What the file says of the airframe, as shares of it."""
 ALL_BUT = 0.99
 """Quantile of a control's motion that counts as its fastest."""
 
@@ -141,7 +147,12 @@ def with_delay(subject: Subject, found: Quantities, done: Settled) -> Subject:
 def _looked_up(subject: Subject, found: Quantities, late: float) -> Subject:
     one = subject.one
     rows = aided_flight.prepare(
-        one.recording, found.aircraft, one.reconstruction, found.servos, late=late
+        one.recording,
+        found.aircraft,
+        one.reconstruction,
+        found.servos,
+        moving=found.moving if found.acting else None,
+        late=late,
     )
     return replace(subject, rows=rows, late=late)
 
@@ -175,6 +186,10 @@ def begin(
 ) -> Settled:
     """A flight settled on a stretch of it.
 
+    What is wrong with delays, vanes and trims may be so much that derivatives and inertia go
+    anywhere to make up for it. Then the search begins with what the file says of these, and linear
+    evidence tells from there what is wrong.
+
     Args:
         model: the aircraft.
         subject: the flight.
@@ -186,6 +201,12 @@ def begin(
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     done, _ = settling.begun(model, rows, subject.first, before, fitted, progress, rough=True)
+    names = quantities.names(subject.first.means)
+    if (astray := _astray(names, before, done.values)) is not None:
+        progress(f"{astray} went astray: begun anew with the file's own values")
+        held = _as_the_file_has_it(names, before)
+        again, _ = settling.begun(model, rows, subject.first, held, fitted, progress, rough=True)
+        done = done if again.restless else again
     if not np.isfinite(done.last.log_likelihood.sum()):
         raise RefusedError(
             subject.one.recording.source,
@@ -193,6 +214,32 @@ def begin(
             fix="check mass, inertia, signs of the controls and the thrust of the aircraft file",
         )
     return done
+
+
+def _astray(
+    names: Sequence[str], before: Beliefs, values: Float[np.ndarray, " parameter"]
+) -> str | None:
+    """A value of the file that a search has lost; None where there is none."""
+    sigma = np.sqrt(np.diagonal(before.covariance))
+    for name, usual, own, value in zip(names, before.mean, sigma, values, strict=True):
+        if name.startswith("aerodynamics.") and usual != 0.0:
+            left = value / usual
+        elif name.startswith("departures.") and name.split(".")[1] in SHARES:
+            left = 1.0 + value
+        else:
+            continue
+        if own > 0.0 and abs(value - usual) > ASTRAY * own and left < LEFT:
+            return name
+    return None
+
+
+def _as_the_file_has_it(names: Sequence[str], before: Beliefs) -> Beliefs:
+    """Beliefs in a file that is right; what sensors, streams and trims are off by stays."""
+    kinds = [name.split(".") for name in names]
+    airframe = [kind[:2] in [["departures", each] for each in (*SHARES, "cg")] for kind in kinds]
+    share = np.where([kind[0] == "aerodynamics" for kind in kinds], RIGHT, 1.0)
+    share[airframe] = 0.0
+    return replace(before, covariance=before.covariance * np.outer(share, share))
 
 
 def relation(model: FlightModel, subject: Subject, before: Beliefs, done: Settled) -> Relation:

@@ -131,10 +131,10 @@ def _fly_next(summary: Mapping) -> str:
     best = summary["ranking"][0]
     if summary["verdict"] == "insufficient_data" and best["log_bayes_factor"] >= NAMED:
         doubted = list(best["causes"])
-    if not doubted:
-        doubted = _unseen(summary["detectable"])
-    shown = [(one, CAUSES[one.split()[0]].shown_by) for one in doubted if one != "none"]
-    return "; ".join(f"for {name}: {flown}" for name, flown in shown[:_WANTED])
+    unseen = [] if doubted else _unseen(summary["detectable"])
+    causes = [one for one in doubted or unseen if one != "none"][:_WANTED]
+    shown = "; ".join(f"for {one}: {CAUSES[one.split()[0]].shown_by}" for one in causes)
+    return f"{shown} (this flight would not have shown it)" if unseen else shown
 
 
 def _unseen(detectable: Mapping) -> list[str]:

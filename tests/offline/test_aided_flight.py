@@ -13,6 +13,7 @@ from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft, StreamTiming, Value
 from gcs_sysid.estimate import first_guess, inside_filter
 from gcs_sysid.estimate.inside_filter import Derivatives
+from gcs_sysid.model import servo_changes
 from gcs_sysid.offline import aided_fit, aided_flight, flight, maneuver_choice
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight
 from gcs_sysid.sources.registry import open_recording
@@ -53,6 +54,19 @@ def test_surfaces_are_exact_at_the_delay_about_which_they_are_looked_up(one: Fli
     assert np.std(near - wanted) < 1e-3 * np.std(wanted)
     far = np.asarray(plain.controls) + late * np.asarray(plain.control_slopes)
     assert np.std(far - moved(late)) > 3.0 * np.std(near - wanted)
+
+
+def test_surfaces_are_told_to_move_as_those_of_another_aircraft(one: Flight) -> None:
+    """One with the lag that the flight is searched with, of which a delay is another thing."""
+    slow = servo_changes.changed(one.aircraft, "elevator", servo_changes.lag(0.15))
+    rows = aided_flight.prepare(one.recording, one.aircraft, one.reconstruction, moving=slow).rows
+    plain, other = (
+        aided_flight.prepare(one.recording, made, one.reconstruction).rows
+        for made in (one.aircraft, slow)
+    )
+    np.testing.assert_array_equal(rows.control_slopes, other.control_slopes)
+    np.testing.assert_array_equal(rows.controls, plain.controls)
+    assert np.std(plain.control_slopes - other.control_slopes) > 0.1 * np.std(plain.control_slopes)
 
 
 def test_gusts_are_passed_at_the_speed_through_the_wind_that_carries_them(

@@ -39,9 +39,6 @@ class Question:
     def at_delays_of(self, _causes: object) -> Question:
         return self
 
-    def reached(self, _found: Answer) -> dict[str, float]:
-        return {}
-
     def answered(self, *_given: object, **_named: object) -> Answer:
         information = told({"cg.x": -0.1})
         return Answer((), (), information, information.weighed(0.5))
@@ -70,9 +67,8 @@ def test_a_delay_is_reckoned_with_whole() -> None:
     every = replace(listed(), beside={name: own})
     mean = np.zeros(len(every.names))
     mean[[every.names.index(name), every.names.index(own)]] = 0.05, 0.04
-    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(mean, np.eye(7), 0.0), RIGHT)
-    assert investigation._freed(every, best) == {name: pytest.approx(0.09)}
-    assert investigation._freed(listed(), best) == {name: pytest.approx(0.05)}
+    assert investigation._freed(every, EVERY[:1], mean) == {name: pytest.approx(0.09)}
+    assert investigation._freed(listed(), EVERY[:1], mean) == {name: pytest.approx(0.05)}
 
 
 def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) -> None:
@@ -192,7 +188,7 @@ def test_sizes_of_servos_are_not_moved_on_where_the_flight_is_far_less_likely(
     )
     monkeypatch.setattr(
         *(investigation.quantities, "servo_sizes"),
-        lambda _values, _before, *within: None if within else next(wanted),
+        lambda _values, _before, *within, **_: None if within else next(wanted),
     )
     monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
     with pytest.raises(Over) as over:
@@ -212,7 +208,7 @@ def test_servos_are_tried_where_they_are_before_other_causes_are_weighed(
     monkeypatch.setattr(investigation.quantities, "build", lambda *given: built.append(given[2]))
     monkeypatch.setattr(
         *(investigation.quantities, "servo_sizes"),
-        lambda _values, _before, *within: next(nearer) if within else None,
+        lambda _values, _before, *within, **_: next(nearer) if within else None,
     )
     best = Ranked(
         (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
@@ -244,7 +240,7 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
     monkeypatch.setattr(
         *(investigation.quantities, "servo_sizes"),
-        lambda _values, _before, *within: next(nearer) if within else None,
+        lambda _values, _before, *within, **_: next(nearer) if within else None,
     )
     twin = other_names.Renamed((EVERY[1],), EVERY[1], np.zeros(7))
     monkeypatch.setattr(investigation.other_names, "renamed", lambda *_: twin)

@@ -74,21 +74,6 @@ def test_surfaces_that_a_cause_delays_are_looked_up_where_the_file_has_them(monk
     assert looked == [0.0]
 
 
-def test_where_a_search_ended_a_servo_is_late_by_all_that_it_is_late() -> None:
-    """The cause's delay and the ordinary one beside it; of what is no servo's, what it moves."""
-    mass = made.EVERY[0]
-    every = replace(made.listed(), beside={"mass": "departures.cg"})
-    own = Beliefs(np.array([0.5, 0.0, 0.1, 0.0]), np.diag(made.ORDINARY**2), SILENT)
-    done = Mock(spec=Settled, values=np.array([0.5, 0.08, 0.12, 0.0]))
-    asked = Mock(spec=Question, listed=every, before=(own,))
-    asked._off = lambda found: Question._off(asked, found)
-    nothing = Mock(spec=Information)
-    answer = Answer((mass, made.EVERY[2]), [Mock(spec=Weighed, settled=done)], nothing, nothing)
-    found = Question.reached(asked, answer)
-    # Of what moves two parameters at once no servo's size is told.
-    assert found == {"mass": pytest.approx(0.1)}
-
-
 def test_a_search_that_found_no_rest_is_refused() -> None:
     subject = Mock(spec=Subject, one=Mock())
     subject.one.recording.source = "shaken.tlog"

@@ -90,11 +90,13 @@ def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
     next_one = {item.topic: item.text for item in diagnose.findings(told)}["Fly next"]
     assert next_one.startswith("For surface_effectiveness rudder: short pulses on each control")
     assert "; for pitot_lag: throttle steps" in next_one
+    assert next_one.endswith("(this flight would not have shown it).")
     assert "mass" not in next_one
     assert "wind_shear" not in next_one
     doubted = told | {"perhaps": {"mass": 0.3}}
     next_one = {item.topic: item.text for item in diagnose.findings(doubted)}["Fly next"]
     assert next_one.startswith("For mass: load-factor turns")
+    assert "would not have shown" not in next_one
     silent = told | {"verdict": "insufficient_data", "explanation": [], "strained": {}}
     next_one = {item.topic: item.text for item in diagnose.findings(silent)}["Fly next"]
     assert next_one.startswith("For actuator_backlash: slow triangles")

@@ -9,7 +9,7 @@ dynamic pressure, a lift slope lost beyond an angle, the ground's share of the l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import jax
@@ -41,10 +41,11 @@ GROWS = {"lag": 1.8, "backlash": 1.0, "skew": 1.0}
 """Power of the share by which it is moved otherwise. What a lag does grows by less than it does:
 inputs faster than it hardly feel that it is longer still. Taken at a wrong size, what is found goes
 with that size to a power of 0.3 to 0.6. What play does is nearly a line."""
-SEARCHED = {**GROWS, "skew": 1.8}
-"""The same where flights were searched with it: of a delay of 0.1 s, 0.083 were found at a size of
-0.067, and 0.091 at 0.083. Linear evidence has no such bias, and moved on by this power it went from
-0.092 to 0.116, where the search stayed."""
+MORE = "more."
+"""Quantity of what still more of a lag or delay does where it is."""
+FURTHER = 0.1
+"""Share of the size over which that is taken, towards later: what an autopilot commands answers
+noise that comes before."""
 KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
@@ -93,6 +94,8 @@ class Quantities:
         least: what cannot be less, by quantity.
         either: pairs of which only one is ever free: two names for one thing.
         beside: parameter that is ordinarily off in the same way as a quantity that has its own.
+        acting: sizes of the lags and delays that flights are searched with, by quantity.
+        moving: the aircraft with all of these, of which it is told how surfaces move.
     """
 
     aircraft: Aircraft
@@ -104,6 +107,50 @@ class Quantities:
     least: Mapping[str, float]
     either: frozenset[frozenset[str]]
     beside: Mapping[str, str]
+    acting: Mapping[str, float]
+    moving: Aircraft
+
+
+@dataclass
+class _Servos:
+    """Changes of servos, to which more are added.
+
+    Attributes:
+        changes: aircraft with one thing changed, and how much that is.
+        acting: names of quantities that flights are searched with.
+        sizes: of these.
+        moving: the aircraft with these.
+    """
+
+    changes: list[tuple[Aircraft, float]]
+    acting: Collection[str]
+    sizes: dict[str, float]
+    moving: Aircraft
+
+    def add(self, made: Aircraft, size: float) -> str:
+        """The parameter of so much of a change."""
+        self.changes.append((made, size))
+        return f"departures.actuators.{len(self.changes) - 1}"
+
+    def growing(
+        self, name: str, change: Callable[[Aircraft, float], Aircraft], base: Aircraft, size: float
+    ) -> dict[str, Direction]:
+        """A quantity by what all of it does, from nothing to its size, and what still more does.
+
+        With a(s) = (u(s) - u(0))/s of the surfaces u, what more does at s is, over s to (1 + ε) s,
+
+            (u((1 + ε) s) - u(s))/(ε s) = ((1 + ε) a((1 + ε) s) - a(s))/ε
+        """
+        step = math.copysign(FURTHER, size)
+        here = self.add(change(base, size), size)
+        there = self.add(change(base, (1.0 + step) * size), (1.0 + step) * size)
+        if name in self.acting:
+            self.sizes[name] = size
+            self.moving = change(self.moving, size)
+        return {
+            name: {here: 1.0},
+            f"{MORE}{name}": {there: (1.0 + step) / step, here: -1.0 / step},
+        }
 
 
 @dataclass
@@ -143,7 +190,10 @@ class _Terms:
 
 
 def build(
-    aircraft: Aircraft, flown: Flown, reached: Mapping[str, float] | None = None
+    aircraft: Aircraft,
+    flown: Flown,
+    reached: Mapping[str, float] | None = None,
+    acting: Collection[str] = (),
 ) -> Quantities:
     """Every quantity that an aircraft and a flight give sense to.
 
@@ -152,6 +202,7 @@ def build(
         flown: what of the flights counts.
         reached: lags and play that are about right, by quantity: what they do is no line, and is
             taken where they are.
+        acting: quantities that flights are searched with.
     """
     known = reached or {}
     terms = _Terms(aircraft)
@@ -194,14 +245,12 @@ def build(
         name.partition(".")[2]: (None,) for name in found if name.startswith("skew.")
     }
     streams[SERVO_STREAM] = (SKEW, -SKEW)
-    servos: list[tuple[Aircraft, float]] = []
+    servos = _Servos([], acting, {}, aircraft)
     beside: dict[str, str] = {}
     for place in (SKEW, -SKEW):
         name = f"skew.{SERVO_STREAM}.{place:.4g}"
-        size = known.get(name, place)
-        found[name] = {f"departures.actuators.{len(servos)}": 1.0}
+        found |= servos.growing(name, _late, aircraft, known.get(name, place))
         beside[name] = "sensors.surface_delay"
-        servos.append((_late(aircraft, size), size))
     for index, control in enumerate(aircraft.control_names):
         own = list(terms.of(control))
         found[f"offset.{control}"] = {f"departures.offset.{index}": 1.0}
@@ -216,7 +265,6 @@ def build(
             for kind, usual in SERVO.items()
         )
         kinds = {
-            "lag": (servo_changes.lag(lag), lag),
             "backlash": (servo_changes.backlash(play), play),
             **{
                 f"rate_limit.{{}}.{share:.4g}": (
@@ -226,13 +274,14 @@ def build(
                 for share in actuator_rate_limit.CAUSE.places
             },
         }
+        # What servos do that two controls share is told of the first.
+        told = control == same[0]
+        name = f"lag.{control}"
+        found |= servos.growing(name, _lagging(control), aircraft, lag) if told else {name: {}}
         for kind, (change, size) in kinds.items():
             name = kind.format(control) if "{}" in kind else f"{kind}.{control}"
-            found[name] = {}
-            # What servos do that two controls share is told of the first.
-            if control == same[0]:
-                found[name] = {f"departures.actuators.{len(servos)}": 1.0}
-                servos.append((servo_changes.changed(aircraft, control, change), size))
+            changed = servo_changes.changed(aircraft, control, change)
+            found[name] = {servos.add(changed, size): 1.0} if told else {}
     for coefficient, model in aircraft.aerodynamics.items():
         for key, item in model.terms.items():
             if key != regressors.CONSTANT and item.value != 0.0:
@@ -258,7 +307,7 @@ def build(
     lagging = {f"skew.{flown.streams[name]}" for name in ("airspeed",) if name in flown.streams}
     return Quantities(
         terms.complete(),
-        tuple(servos),
+        tuple(servos.changes),
         found,
         sizes,
         frozenset(has),
@@ -266,6 +315,8 @@ def build(
         _least(aircraft, late),
         frozenset(frozenset({"airspeed_lag", name}) for name in lagging),
         beside,
+        servos.sizes,
+        servos.moving,
     )
 
 
@@ -297,7 +348,7 @@ def servo_sizes(
     values: Mapping[str, float],
     before: Mapping[str, float],
     within: float = NEARLY,
-    grows: Mapping[str, float] = GROWS,
+    acting: Collection[str] = (),
 ) -> dict[str, float] | None:
     """Lags, play and delays among values of quantities, where they are not what was reckoned with.
 
@@ -307,7 +358,7 @@ def servo_sizes(
         values: by name.
         before: what was reckoned with.
         within: share within which that is right.
-        grows: power of the share by which it is moved otherwise.
+        acting: what was told by what more of it does where it is: it is as much as was found.
 
     Returns:
         What to reckon with, as `reached` of `build`; None if what it was is near enough.
@@ -320,23 +371,28 @@ def servo_sizes(
         known = before.get(name, usual)
         share = max(value / known, LEAST * usual / known)
         if abs(share - 1.0) > within:
-            grown = share ** grows[name.partition(".")[0]]
+            grown = share if name in acting else share ** GROWS[name.partition(".")[0]]
             wanted[name] = known * min(max(grown, 0.25), 2.0)
     return {**before, **wanted} if wanted else None
 
 
-def servo_doubt(name: str, value: float, reached: Mapping[str, float]) -> float:
+def servo_doubt(
+    name: str, value: float, reached: Mapping[str, float], acting: Collection[str] = ()
+) -> float:
     """How far it may be off since its change was taken at another size; else 0.
 
     Args:
         name: of the quantity.
         value: found.
         reached: what was reckoned with.
+        acting: what was told by what more of it does where it is, off by the square only.
     """
     usual = _usual(name)
     if usual is None:
         return 0.0
-    return min(abs(value - reached.get(name, usual)), abs(value))
+    size = reached.get(name, usual)
+    off = min(abs(value - size), abs(value))
+    return off * min(off / abs(size), 1.0) if name in acting else off
 
 
 def _usual(name: str) -> float | None:
@@ -353,6 +409,11 @@ def _late(aircraft: Aircraft, delay: float) -> Aircraft:
     stated = aircraft.streams.get(SERVO_STREAM, StreamTiming())
     timing = replace(stated, delay=stated.delay + delay)
     return replace(aircraft, streams={**aircraft.streams, SERVO_STREAM: timing})
+
+
+def _lagging(control: str) -> Callable[[Aircraft, float], Aircraft]:
+    """An aircraft into one with so much more lag [s] of a control."""
+    return lambda one, more: servo_changes.changed(one, control, servo_changes.lag(more))
 
 
 def _strongest(terms: _Terms, coefficient: str, other_than: str | None = None) -> str | None:

@@ -57,12 +57,14 @@ class _Tried:
         evidence: at each accuracy of the file.
         place: mean and standard deviation; None where it is nowhere in particular.
         beside: the same at the next places.
+        other: one that is taken on the other side, where its size may be of either sign.
     """
 
     candidate: Candidate
     evidence: Float[np.ndarray, " accuracy"]
     place: tuple[float, float] | None
     beside: tuple[Candidate, ...]
+    other: Candidate | None
 
 
 @dataclass(frozen=True)
@@ -293,11 +295,12 @@ def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> R
     What cannot be, such as a message that comes before what it tells of, is taken off the evidence:
     by as much as the posterior believes in it, and the prior did.
     """
+    chosen = _facing(data, files, chosen)
     favoured = int(np.argmax(chosen.evidence + files.prior))
     own = files.unknowns[favoured]
     causes = tuple(one.candidate for one in chosen.causes)
     sigma, mean = own.freed(causes)
-    found = posterior(data, sigma, mean)
+    found = own.estimated(data, causes)
     if LAG in own.names and sigma[own.names.index(LAG)] > 0.0:
         late = scoring.timed(found.covariance, own.names.index(LAG))
         found = replace(found, covariance=late)
@@ -323,6 +326,30 @@ def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> R
     )
 
 
+def _facing(data: Information, files: _Files, chosen: _Set) -> _Set:
+    """With late or early commands taken on the side where they are found.
+
+    Alone they may explain more on the other one: the first delay of UMN's Thor was 0.06 s late, on
+    the side of those that are early, and was searched at 0.02 s early.
+    """
+    for one in chosen.causes:
+        causes = [each.candidate for each in chosen.causes]
+        own = files.unknowns[int(np.argmax(chosen.evidence + files.prior))]
+        if one.other is None or one.candidate.at is None:
+            continue
+        found = own.estimated(data, causes)
+        names = [name for each in causes for name in each.frees]
+        (size,) = (
+            own.along(names, found.mean, found.covariance)[name][0] for name in one.candidate.frees
+        )
+        if size * one.candidate.at < 0.0:
+            facing = replace(one, candidate=one.other, other=one.candidate)
+            kept = tuple(facing if each is one else each for each in chosen.causes)
+            turned = files.evidence([each.candidate for each in kept]) - files.evidence(causes)
+            chosen = replace(chosen, causes=kept, evidence=chosen.evidence + turned)
+    return chosen
+
+
 def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     """Every cause and what it is about, over the places where it may be."""
     found = []
@@ -332,7 +359,7 @@ def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
     for group in groups.values():
         evidence = np.array([files.evidence((one,)) for one in group])
         total = files.averaged(evidence)
-        best, place, beside = int(total.argmax()), None, ()
+        best, place, beside, other = int(total.argmax()), None, (), None
         if group[0].cause.where:
             places = np.array([one.at for one in group], dtype=float)
             near = slice(max(best - 1, 0), best + 2)
@@ -342,8 +369,10 @@ def _tried(files: _Files, candidates: Sequence[Candidate]) -> list[_Tried]:
             spread = float(np.average((places - mean) ** 2, weights=weight)) + spacing**2 / 12.0
             place = (mean, float(np.sqrt(spread)))
             beside = tuple(one for one in group[near] if one is not group[best])
+        elif len(group) > 1:
+            (other,) = (one for one in group if one is not group[best])
         together = logsumexp(evidence, axis=0) - np.log(len(group))
-        found.append(_Tried(group[best], together, place, beside))
+        found.append(_Tried(group[best], together, place, beside, other))
     return found
 
 
@@ -364,7 +393,7 @@ def _by_place(
     rows = [(one.candidate.at, [moved[name][0] for name in one.candidate.frees])]
     for other in one.beside:
         freed = [other if each is one else each.candidate for each in causes]
-        under = posterior(data, *own.freed(freed))
+        under = own.estimated(data, freed)
         names = [name for each in freed for name in each.frees]
         there = own.along(names, under.mean, under.covariance)
         rows.append((other.at, [there[name][0] for name in other.frees]))
@@ -404,7 +433,7 @@ def deviations(
     """For each cause, how well these flights would know its parameters, were it the only one."""
     found = []
     for candidate in candidates:
-        under = posterior(data, *unknowns.freed((candidate,)))
+        under = unknowns.estimated(data, (candidate,))
         moved = unknowns.along(candidate.frees, under.mean, under.covariance)
         found.append(tuple(moved[name][1] for name in candidate.frees))
     return tuple(found)

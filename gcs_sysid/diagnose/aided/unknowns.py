@@ -10,13 +10,14 @@ milliseconds more than it says, which is no cause of anything.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from gcs_sysid.diagnose.aided.quantities import MORE
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information
+from gcs_sysid.diagnose.evidence import Information, Posterior, posterior
 from gcs_sysid.diagnose.extended import Direction
 
 TOLERATED = 0.05
@@ -42,6 +43,7 @@ class Unknowns:
         least: what a quantity cannot be less than, where there is such a limit.
         either: pairs of quantities of which only one is ever free.
         beside: parameter that is ordinarily off in the same way as a quantity that has its own.
+        acting: sizes of the lags and delays that flights were searched with, by quantity.
     """
 
     names: tuple[str, ...]
@@ -54,6 +56,7 @@ class Unknowns:
     least: Mapping[str, float]
     either: frozenset[frozenset[str]]
     beside: Mapping[str, str]
+    acting: Mapping[str, float] = field(default_factory=dict)
 
     def freed(self, causes: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Prior standard deviations and means with some causes set free."""
@@ -64,6 +67,28 @@ class Unknowns:
                 sigma[index] = parameter.sigma * self.sizes[parameter.per]
                 mean[index] = parameter.expected
         return sigma, mean
+
+    def estimated(self, data: Information, causes: Sequence[Candidate]) -> Posterior:
+        """Posterior and evidence with some causes set free.
+
+        Lags and delays that flights were searched with are told by what more of them does where
+        they are, not by what all of them does: that grows by half as much, so that what is found
+        is half as far from the size that it was taken at, and seems twice as well known.
+        """
+        sigma, mean = self.freed(causes)
+        found = posterior(data, sigma, mean)
+        acting = [name for one in causes for name in one.frees if name in self.acting]
+        if not acting:
+            return found
+        into = np.eye(sigma.size)
+        for name in acting:
+            here, more = (self.names.index(each) for each in (name, f"{MORE}{name}"))
+            sigma[more], mean[more] = sigma[here], mean[here] - self.acting[name]
+            sigma[here], mean[here] = 0.0, self.acting[name]
+            into[here, more], into[more, more] = 1.0, 0.0
+        there = posterior(data, sigma, mean)
+        covariance = into @ there.covariance @ into.T
+        return replace(found, mean=into @ there.mean, covariance=covariance)
 
     def alone(
         self, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]

@@ -269,3 +269,31 @@ def test_what_hangs_on_the_lag_of_the_moments_is_not_known_better_than_it_can_be
     alone, leaning = [[1.0, 0.0], [0.0, 1.0]], [[1.0, 20.0], [0.0, 1.0]]
     assert deviation(alone) < 1e-3
     assert deviation(leaning) == pytest.approx(20.0 * scoring.TIMING, rel=0.05)
+
+
+def test_late_commands_are_late_where_early_ones_would_explain_more_alone() -> None:
+    """Beside a mass that is off; where early ones are tried the size would be of the wrong sign."""
+    late, early = (f"skew.SERVO_OUTPUT_RAW.{at:.4g}" for at in (0.07, -0.07))
+    names = ("departures.actuators.0", "departures.actuators.1", "departures.mass")
+    directions = {
+        late: {names[0]: 1.0},
+        early: {names[1]: 1.0},
+        "mass": {names[2]: 1.0},
+    }
+    usual = dict.fromkeys(directions, 1e-4)
+    every = unknowns.of_flights(names, np.zeros(3), directions, usual, {"": 1.0}, 1, np.zeros(3))
+    # By unit of each: what late commands do, what early ones do, a mass that is too large.
+    columns = 2000.0 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, -1.0], [0.0, 0.0, 3.0]])
+    wide = columns @ np.concatenate([np.eye(3), every.directions], axis=1)
+    truth = np.zeros(len(every.names))
+    truth[[every.names.index(late), every.names.index("mass")]] = 0.05, -0.05
+    data = information(wide, wide @ truth)
+    skews = [Candidate(CAUSES["time_skew"], "SERVO_OUTPUT_RAW", at) for at in (0.07, -0.07)]
+    found = rank(data, every, [*skews, Candidate(CAUSES["mass"])])
+    best = found[0]
+    assert set(best.causes) == {skews[0], Candidate(CAUSES["mass"])}
+    sizes = {one.name: one.value for each in best.estimates for one in each}
+    assert sizes == {
+        "delay": pytest.approx(0.05, abs=1e-3),
+        "mass_ratio": pytest.approx(0.95, abs=1e-3),
+    }

@@ -13,6 +13,8 @@ from gcs_sysid.diagnose.aided.beliefs import NEGLIGIBLE
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES, rank
 from gcs_sysid.diagnose.aided.unknowns import of_flight, of_flights
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
+from gcs_sysid.diagnose.catalogue import CAUSES
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import information, posterior
 from gcs_sysid.diagnose.hypothesis import PRIOR_OF_UNLISTED
 from gcs_sysid.diagnose.unlisted import terms as unlisted_terms
@@ -235,3 +237,44 @@ def test_the_most_extreme_size_is_told_in_its_own_causes_sigmas() -> None:
     assert every.farthest((mass,), values) == pytest.approx(0.25 / mass.cause.parameters[0].sigma)
     both = every.farthest((mass, cg), values)
     assert both == pytest.approx(0.32 / cg.cause.parameters[0].sigma)
+
+
+def test_a_lag_is_known_by_what_more_of_it_does() -> None:
+    """What a lag does saturates. By all that it does it would seem known three times as well, and
+    half as far from where it was taken as it is.
+    """
+    size, true = 0.1, 0.11
+    shape = np.array([3.0, 1.0, -2.0]) * 30.0
+
+    def does(lag: float) -> np.ndarray:
+        return shape * (1.0 - np.exp(-lag / 0.05))
+
+    quantities = {
+        "lag.elevator": {"departures.actuators.0": 1.0},
+        "more.lag.elevator": {"departures.actuators.1": 11.0, "departures.actuators.0": -10.0},
+    }
+    names = tuple(f"departures.actuators.{number}" for number in range(2))
+    every = of_flights(
+        *(names, np.zeros(2), quantities),
+        *({"lag.elevator": 1e-3, "more.lag.elevator": 0.0}, {"": 1.0}, 1, np.zeros(2)),
+    )
+    secants = np.stack([does(at) / at for at in (size, 1.1 * size)], axis=1)
+    # Told about 0, where what flights leave is all that the lag does.
+    rows = secants @ np.concatenate([np.eye(2), every.directions], axis=1)
+    data = information(rows, does(true))
+    cause = [Candidate(CAUSES["actuator_lag"], "elevator")]
+    place = every.names.index("lag.elevator")
+    plain, acting = (
+        replace(every, acting=sizes).estimated(data, cause)
+        for sizes in ({}, {"lag.elevator": size})
+    )
+    assert plain.mean[place] == pytest.approx(
+        size * (1.0 - np.exp(-2.2)) / (1.0 - np.exp(-2.0)), rel=0.01
+    )
+    assert acting.mean[place] == pytest.approx(true, abs=0.001)
+    slope = np.linalg.norm(does(1.1 * size) - does(size)) / (0.1 * size)
+    assert np.sqrt(acting.covariance[place, place]) == pytest.approx(1.0 / slope, rel=1e-3)
+    assert acting.covariance[place, place] > 4.0 * plain.covariance[place, place]
+    # What does nothing further stays where it was, and evidence is that of all the lag does.
+    assert acting.mean[every.names.index("more.lag.elevator")] == 0.0
+    assert acting.log_evidence == plain.log_evidence
