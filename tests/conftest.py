@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ import jax
 
 from gcs_sysid.cli import numerics
 
+MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
 numerics.compile_quickly()
@@ -80,6 +82,18 @@ def compilation_cache() -> Path:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def code_let_go() -> Iterator[None]:
+    """Compiled code is let go before there is too much of it.
+
+    A program is some thirty pieces of mapped memory, of which Linux lets a process have 65 530: the
+    suite compiles thousands, and a worker crashed in the compiler when it was nearly done.
+    """
+    yield
+    if MAPS.is_file() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture(autouse=True)
