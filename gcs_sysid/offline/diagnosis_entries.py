@@ -244,7 +244,21 @@ def incredible(farthest: float) -> list[str]:
 def strained(bent: Mapping[str, float]) -> list[str]:
     """One warning for each value of the file that was bent too far."""
     return [
-        f"{name} had to go {abs(size):.1f} of its sigmas from the file: it is wrong, or something "
-        "that no cause here stands for is"
+        f"{_in_words(name)} had to go {abs(size):.1f} of its sigmas from the file: it is wrong, or "
+        "something that no cause here stands for is"
         for name, size in bent.items()
     ]
+
+
+def _in_words(name: str) -> str:
+    """What a parameter of the model is called; derivatives keep their names."""
+    kind, _, rest = name.partition(".")
+    if kind not in ("sensors", "departures"):
+        return name
+    what, _, index = rest.partition(".")
+    words = "the " + what.replace("_", " ")
+    if not index:
+        return words
+    if what == "offset":
+        return f"{words} of control {int(index) + 1}"
+    return f"{words} ({(('alpha', 'beta') if what.startswith('vane') else 'xyz')[int(index)]})"
