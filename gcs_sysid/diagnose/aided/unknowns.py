@@ -72,8 +72,8 @@ class Unknowns:
         """Posterior and evidence with some causes set free.
 
         Lags and delays that flights were searched with are told by what more of them does where
-        they are, not by what all of them does: that grows by half as much, so that what is found
-        is half as far from the size that it was taken at, and seems twice as well known.
+        they are, not by what all of them does: over the size that is more, so that what is found
+        is too near to the size that it was taken at.
         """
         sigma, mean = self.freed(causes)
         found = posterior(data, sigma, mean)
