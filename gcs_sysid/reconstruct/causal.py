@@ -41,10 +41,10 @@ from gcs_sysid.regressors import Regressor
 BLOCK = 100
 """Rows whose scores are told together: a second or two of flight."""
 
-ROUNDED = 16
-"""As many parameters are asked about as a multiple of this: a question with some more or fewer of
-them, a cause's or none, needs no program of its own, which takes seconds to trace and more to
-compile."""
+ASIDE = 32
+"""Parameters that are asked about at once: a question with more or fewer of them, a cause's or none,
+needs no program of its own, which takes seconds to trace and fifteen to compile. Those of 128 at
+once take as long as in four parts."""
 
 
 class Path(NamedTuple):
@@ -300,9 +300,15 @@ def sensitivities(
     inner = aided_smoother.mechanics(model, means, chunk)
     # What lies behind the last parameter changes nothing.
     beyond = ravel_pytree(means)[0].size
-    padded = np.pad(np.asarray(asked), (0, -asked.size % ROUNDED), constant_values=beyond)
-    found = _sensitive(model, means, log_noise, chunk, rows, inner, jnp.asarray(padded))
-    return found[0][..., : asked.size], found[1][..., : asked.size]
+    groups = max(-(-asked.size // ASIDE), 1)
+    padded = np.full((groups, ASIDE), beyond)
+    padded.flat[: asked.size] = asked
+    found = [
+        _sensitive(model, means, log_noise, chunk, rows, inner, jnp.asarray(group))
+        for group in padded
+    ]
+    motion, seen = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+    return jnp.asarray(motion[..., : asked.size]), jnp.asarray(seen[..., : asked.size])
 
 
 @jax.jit
