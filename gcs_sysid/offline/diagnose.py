@@ -37,6 +37,7 @@ from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.identify import FLIGHT_IDS
 from gcs_sysid.offline.investigation import Kept
+from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested
 
@@ -211,6 +212,7 @@ def _diagnosed(
             fix=f"give {SHORTEST:.0f} s or more, or several logs",
         )
     notes: tuple[str, ...] = ()
+    leads: tuple[Lead, ...] = ()
     followed = True
     if method == "filter" and all(SERVO_STREAM in one.recording.streams for one in flights):
 
@@ -224,6 +226,8 @@ def _diagnosed(
         except RefusedError as lost:
             # A simulation that far from the flight has no small cause to be named.
             followed, notes = False, (str(lost),)
+            if isinstance(lost, RestlessError):
+                leads = lost.leads
     elif method == "filter":
         notes = ("without servo positions only four causes are weighed, by coefficients",)
     fit, judged = _parts(flights, aircraft, apart=apart)
@@ -279,6 +283,7 @@ def _diagnosed(
         "detectable": entries.detectable(every, deviations, ABSOLUTE),
         "strained": strained,
         "followed": followed,
+        "stands_out": entries.stands_out(leads, aircraft.control_names),
         "used": "coefficients and kinematics" if trusted else "kinematics",
         "maneuvers": summary.maneuvers(flights, judged.maneuvers),
         "reconstruction": summary.reconstruction(flights[0]),
@@ -286,7 +291,7 @@ def _diagnosed(
         "warnings": [
             *notes,
             *_warnings(flights, credible=credible, trusted=trusted),
-            *entries.strained(strained),
+            *entries.strained(strained, aircraft.control_names),
         ],
     }
     built = (*fit.problems, *judged.problems) if apart else fit.problems

@@ -14,6 +14,7 @@ from gcs_sysid.diagnose.unlisted import Missing
 from gcs_sysid.diagnose.verdict import INCREDIBLE, Verdict
 from gcs_sysid.estimate.suspects import named, suspects
 from gcs_sysid.estimate.traces import traces
+from gcs_sysid.offline.leads import Lead
 
 LISTED = 12
 """Sets of causes that the document lists."""
@@ -241,24 +242,50 @@ def incredible(farthest: float) -> list[str]:
     ]
 
 
-def strained(bent: Mapping[str, float]) -> list[str]:
-    """One warning for each value of the file that was bent too far."""
+def strained(bent: Mapping[str, float], controls: Sequence[str]) -> list[str]:
+    """One warning for each value of the file that was bent too far.
+
+    Args:
+        bent: by how many of its sigmas, by parameter of the model.
+        controls: names of the aircraft's.
+    """
     return [
-        f"{_in_words(name)} had to go {abs(size):.1f} of its sigmas from the file: it is wrong, or "
-        "something that no cause here stands for is"
+        f"{_in_words(name, controls)} had to go {abs(size):.1f} of its sigmas from the file: it is "
+        "wrong, or something that no cause here stands for is"
         for name, size in bent.items()
     ]
 
 
-def _in_words(name: str) -> str:
+def stands_out(leads: Sequence[Lead], controls: Sequence[str]) -> list[dict[str, Any]]:
+    """What was off by more than it ordinarily is, where no set of causes found rest.
+
+    Args:
+        leads: parameters of the model, the farthest first.
+        controls: names of the aircraft's.
+    """
+    return [
+        {
+            "parameter": one.name,
+            "label": _in_words(one.name, controls),
+            "off": one.off,
+            "ordinary": one.ordinary,
+            "unit": one.unit,
+        }
+        for one in leads
+    ]
+
+
+def _in_words(name: str, controls: Sequence[str]) -> str:
     """What a parameter of the model is called; derivatives keep their names."""
     kind, _, rest = name.partition(".")
     if kind not in ("sensors", "departures"):
-        return name
+        return name.removeprefix("aerodynamics.")
     what, _, index = rest.partition(".")
     words = "the " + what.replace("_", " ")
     if not index:
         return words
     if what == "offset":
-        return f"{words} of control {int(index) + 1}"
+        return f"{words} of the {controls[int(index)]}"
+    if what == "attitude_tilt":
+        return f"{words} ({('roll', 'pitch')[int(index)]})"
     return f"{words} ({(('alpha', 'beta') if what.startswith('vane') else 'xyz')[int(index)]})"

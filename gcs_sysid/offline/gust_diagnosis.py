@@ -51,7 +51,8 @@ def diagnosed(
         kept: takes every ranking on the way.
 
     Raises:
-        RefusedError: the filter lost the aircraft, or its search found no rest.
+        RefusedError: the filter lost the aircraft, or its search found no rest; then it is a
+            `RestlessError`.
     """
     _, held_out = maneuver_choice.shared_out(flights, apart=apart)
     fitted = [not apart or one is not flights[-1] for one in flights]
@@ -116,7 +117,7 @@ def diagnosed(
         "warnings": [
             *_warnings(flights, found, corrections),
             *departed.paid(gains["channels"]),
-            *entries.strained(strained),
+            *entries.strained(strained, aircraft.control_names),
             *([] if missing is not None else entries.incredible(farthest)),
             *([] if missing is not None or dropped is None else entries.dropped(dropped)),
         ],

@@ -33,8 +33,8 @@ from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.verdict import INCREDIBLE
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.model.flight_model import FlightModel
-from gcs_sysid.offline import settled
 from gcs_sysid.offline.flight import Flight, Progress
+from gcs_sysid.offline.leads import RestlessError
 from gcs_sysid.offline.question import REFUTED, UNLISTED, Answer, Asked, Telling, Trial
 from gcs_sysid.offline.settled import Subject
 from gcs_sysid.reconstruct import causal
@@ -146,12 +146,13 @@ def investigate(
         kept: takes every ranking on the way, for who may have to stop before the end.
 
     Raises:
-        RefusedError: the filter lost the aircraft, or its search found no rest.
+        RefusedError: the filter lost the aircraft.
+        RestlessError: its search found no rest.
     """
     asked = Asked(aircraft, flights, fitted, held_out)
     reached = dict[str, float]()
     question = asked.question()
-    every = question.every
+    every, barren = question.every, set[Candidate]()
     steps = len(flights) * (1 + ROUNDS)
 
     def telling(doing: str, turn: int) -> Telling:
@@ -160,12 +161,14 @@ def investigate(
         )
 
     def weighed(answer: Answer, needed: Needed = NONE_NEEDED) -> tuple[Ranked, ...]:
-        found = rank(answer.information, question.listed, every, needed)
+        left = [one for one in every if one not in barren]
+        found = rank(answer.information, question.listed, left, needed)
         kept(found)
         return found
 
     flying = telling("flying the simulation along", 0)
     question, begun = question.begun(flying)
+    leads = question.leads(begun)
     flying("working out how errors show", len(flights) - 1)
     relations = question.relations(begun)
     # Where a cause stands out at once, what is left to gain without it is of no use.
@@ -176,6 +179,7 @@ def investigate(
         standing = question.rested(flying, standing, relations)
         ranked = weighed(standing)
     tested: set[frozenset[Candidate]] = {frozenset()}
+    looseness, notes = 1.0, list[str]()
     needed, farthest, right, overshot = NONE_NEEDED, 0.0, False, False
     for turn in range(1, ROUNDS + 1):
         best, listed = ranked[0], question.listed
@@ -242,10 +246,17 @@ def investigate(
         if twin is not None and won > REFUTED:
             needed = Needed((twin.other,), won)
         more = all(cause in trial.causes for cause in standing.causes)
-        if lost > REFUTED and not more:
+        beside = [one for one in trial.causes if one not in standing.causes]
+        if more and beside and lost > 0.0 and accuracy >= looseness and sizes is None:
+            # With more set free and nothing held tighter the flights are less probable: what more
+            # was foretold to gain is of the parabola, not of them.
+            barren |= set(beside)
+            notes.append(_gained_nothing(beside))
+        elif lost > REFUTED and not more:
             needed = Needed(standing.causes, lost)
         else:
             standing, question, reached = trial, asking, sizes or reached
+            looseness = accuracy
         ranked = weighed(standing, needed)
     if roughly and not standing.causes:
         standing = question.rested(flying, standing, relations)
@@ -275,8 +286,9 @@ def investigate(
             missing, gained = settled_with, settled_gain
             question, done = wider, with_it.each
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
-    for subject, last in zip(question.subjects, done, strict=True):
-        settled.rested(subject, last.settled)
+    for subject, last, stood_out in zip(question.subjects, done, leads, strict=True):
+        if last.settled.restless:
+            raise RestlessError(subject.one.recording.source, stood_out)
     return Investigation(
         quantities=question.quantities,
         unknowns=listed,
@@ -291,12 +303,21 @@ def investigate(
         subjects=question.subjects,
         settled=tuple(last.settled for last in done),
         farthest=farthest,
-        notes=tuple(
-            f"{one.one.recording.source}: the filter had not quite settled after its last turn"
-            for one, last in zip(question.subjects, done, strict=True)
-            if not last.settled.ended
+        notes=(
+            *notes,
+            *(
+                f"{one.one.recording.source}: the filter had not quite settled after its last turn"
+                for one, last in zip(question.subjects, done, strict=True)
+                if not last.settled.ended
+            ),
         ),
     )
+
+
+def _gained_nothing(causes: Sequence[Candidate]) -> str:
+    """What is said of causes that linear evidence favours, and a search with them does not."""
+    labels = " and ".join(one.label for one in causes)
+    return f"{labels} seemed to explain more, and put to the test explained nothing: left out"
 
 
 def _with_a_right_file(

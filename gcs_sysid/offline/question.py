@@ -34,8 +34,9 @@ from gcs_sysid.estimate import weighed
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model.flight_model import FlightModel
-from gcs_sysid.offline import settled
+from gcs_sysid.offline import leads, settled
 from gcs_sysid.offline.flight import Flight
+from gcs_sysid.offline.leads import Lead
 from gcs_sysid.offline.settled import Subject
 
 REFUTED = 100.0
@@ -231,6 +232,13 @@ class Question:
             for one, done in zip(self.subjects, begun, strict=True)
         )
         return replace(self, subjects=subjects), begun
+
+    def leads(self, begun: Sequence[Settled]) -> list[list[Lead]]:
+        """What stands out of each flight where it was begun."""
+        return [
+            leads.standing_out(self.names, own, one)
+            for own, one in zip(self.before, begun, strict=True)
+        ]
 
     def relations(self, done: Sequence[Settled]) -> list[Relation]:
         """How errors of all unknowns move the scores of each flight."""

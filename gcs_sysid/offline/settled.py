@@ -278,21 +278,6 @@ def weigh(
     return weighed.climbed(model, rows, begun, before, fitted, by, progress, asked, sets=sets)
 
 
-def rested(subject: Subject, done: Settled) -> None:
-    """Lets pass what has settled.
-
-    Raises:
-        RefusedError: the search ended far from rest.
-    """
-    if done.restless:
-        raise RefusedError(
-            subject.one.recording.source,
-            "the simulation's own model found no rest inside the filter",
-            fix="check the aircraft file; air that shakes the aircraft within the time that its "
-            "inertial unit filters over can do it too: fly in calmer air",
-        )
-
-
 def told(
     unknowns: Unknowns, number: int, before: Beliefs, found: Weighed
 ) -> tuple[Information, Information]:

@@ -42,9 +42,9 @@ BLOCK = 100
 """Rows whose scores are told together: a second or two of flight."""
 
 ASIDE = 32
-"""Parameters that are asked about at once: a question with more or fewer of them, a cause's or none,
-needs no program of its own, which takes seconds to trace and fifteen to compile. Those of 128 at
-once take as long as in four parts."""
+"""Parameters that are asked about at once: a question with more or fewer of them, a cause's or
+none, needs no program of its own, which takes seconds to trace and fifteen to compile. A hundred
+and twenty-eight at once take as long as in four parts."""
 
 
 class Path(NamedTuple):

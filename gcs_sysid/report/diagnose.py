@@ -17,6 +17,8 @@ from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
 _BARS = 6
+_LEADS = 4
+"""Of what stands out, told at once."""
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
@@ -30,7 +32,6 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
         table: `residuals.parquet`, one array a column.
     """
     changed = summary["verdict"] in ("effect", "ambiguous")
-    shown = summary["ranking"][:_BARS]
     figures = tuple(
         diagnosis.residuals(
             table,
@@ -48,16 +49,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
             summary=summary,
             findings=findings(summary),
             sections=(
-                Section(
-                    "ranking",
-                    "Explanations",
-                    "Sets of causes by probability. The log Bayes factor is the evidence against "
-                    "nothing being wrong: 3 is 20 to 1. What errors of the file's aerodynamics "
-                    "(its sigmas), of mass, thrust and inertia, of the flow angles and of the "
-                    "surfaces' rigging can explain is explained by them first.",
-                    tables=(_ranking(summary),),
-                    figures=(diagnosis.probabilities(shown, [item["label"] for item in shown]),),
-                ),
+                *_explanations(summary),
                 *_alternatives(summary),
                 Section(
                     "gain",
@@ -71,15 +63,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
                     tables=(_gain(summary), _coefficients(summary), *_flown(summary)),
                 ),
                 *_changes(summary),
-                Section(
-                    "could",
-                    "What this flight could show",
-                    "How well each cause would be known, were it the only one, against the size "
-                    "from which it matters, and the size from which half of such flights would "
-                    "show it: less than that may be there unseen. Up to the size in the last "
-                    "column something else explains as much.",
-                    tables=(_detectable(summary),),
-                ),
+                *_could(summary),
                 Section(
                     "residuals",
                     "Residuals",
@@ -109,9 +93,17 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         found.append(Finding("Gain", _gained(gain)))
     if summary.get("perhaps"):
         found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))
-    others = [item for item in summary["ranking"][1:4]]
-    words = "; ".join(f"{item['label']} {100.0 * item['probability']:.0f} %" for item in others)
-    found.append(Finding("Else", f"{words}."))
+    if summary.get("followed", True):
+        others = [item for item in summary["ranking"][1:4]]
+        words = "; ".join(f"{item['label']} {100.0 * item['probability']:.0f} %" for item in others)
+        found.append(Finding("Else", f"{words}."))
+    elif summary["stands_out"]:
+        farthest = summary["stands_out"][:_LEADS]
+        words = "; ".join(
+            f"{one['label']} {off} (ordinarily ± {usual})"
+            for one, (off, usual) in zip(farthest, map(_off, farthest), strict=True)
+        )
+        found.append(Finding("Look at", f"{words}: no findings, but where to begin."))
     if "file_accuracy" in summary:
         found.append(Finding("File", _accuracy(summary["file_accuracy"])))
     found += [Finding("Warning", text) for text in summary["warnings"][:2]]
@@ -271,6 +263,61 @@ def _parameters(item: Mapping) -> str:
         + ("" if entry["unit"] == "1" else f" {entry['unit']}")
         for name, entry in item["parameters"].items()
     )
+
+
+def _explanations(summary: Mapping) -> tuple[Section, ...]:
+    """Sets of causes; where the filter did not follow, what stood out instead, if anything did.
+
+    What coefficients alone would accuse there accuses nobody, and would be read as if it did.
+    """
+    if not summary.get("followed", True):
+        if not summary["stands_out"]:
+            return ()
+        text = (
+            "With no set of causes did the filter follow this simulation, so that none has a "
+            "probability. Where its search began, near the aircraft file and on the busiest "
+            "stretch of the flight, these had to be off by more than they ordinarily are. That is "
+            "where to look first, and no finding: nothing that took no part speaks for it."
+        )
+        return (Section("stands-out", "Where to look first", text, tables=(_leads(summary),)),)
+    shown = summary["ranking"][:_BARS]
+    return (
+        Section(
+            "ranking",
+            "Explanations",
+            "Sets of causes by probability. The log Bayes factor is the evidence against nothing "
+            "being wrong: 3 is 20 to 1. What errors of the file's aerodynamics (its sigmas), of "
+            "mass, thrust and inertia, of the flow angles and of the surfaces' rigging can explain "
+            "is explained by them first.",
+            tables=(_ranking(summary),),
+            figures=(diagnosis.probabilities(shown, [item["label"] for item in shown]),),
+        ),
+    )
+
+
+def _could(summary: Mapping) -> tuple[Section, ...]:
+    """How well each cause would be known, where it was weighed at all."""
+    if not summary.get("followed", True):
+        return ()
+    text = (
+        "How well each cause would be known, were it the only one, against the size from which it "
+        "matters, and the size from which half of such flights would show it: less than that may "
+        "be there unseen. Up to the size in the last column something else explains as much."
+    )
+    return (Section("could", "What this flight could show", text, tables=(_detectable(summary),)),)
+
+
+def _leads(summary: Mapping) -> Table:
+    return Table(
+        ("what", "off by", "ordinarily within (one deviation)"),
+        tuple((one["label"], *_off(one)) for one in summary["stands_out"]),
+    )
+
+
+def _off(lead: Mapping) -> tuple[str, str]:
+    """By how much something is off, and ordinarily is, in units for people."""
+    off, ordinary, unit = for_people(lead["off"], lead["ordinary"], lead["unit"])
+    return f"{off:+.3g} {unit}", f"{ordinary:.2g} {unit}"
 
 
 def _ranking(summary: Mapping) -> Table:

@@ -98,9 +98,10 @@ def test_each_cause_of_an_explanation_says_what_it_is_about() -> None:
         ("sensors.airspeed_scale", "the airspeed scale had to go 3.5"),
         ("sensors.vane_bias.1", "the vane bias (beta) had to go 3.5"),
         ("departures.inertia.0", "the inertia (x) had to go 3.5"),
-        ("departures.offset.1", "the offset of control 2 had to go 3.5"),
+        ("departures.offset.1", "the offset of the aileron had to go 3.5"),
+        ("sensors.attitude_tilt.1", "the attitude tilt (pitch) had to go 3.5"),
     ],
 )
 def test_what_was_bent_too_far_is_told_in_words(name: str, words: str) -> None:
-    (said,) = entries.strained({name: -3.5})
+    (said,) = entries.strained({name: -3.5}, ("elevator", "aileron"))
     assert said.startswith(words)

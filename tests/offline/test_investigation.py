@@ -36,6 +36,8 @@ class Question:
     def relations(self, _begun: None) -> None:
         """None are needed."""
 
+    leads = relations
+
     def at_delays_of(self, _causes: object) -> Question:
         return self
 

@@ -12,7 +12,6 @@ from gcs_sysid.diagnose.aided.quantities import Quantities
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
-from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Weighed
@@ -72,18 +71,6 @@ def test_surfaces_that_a_cause_delays_are_looked_up_where_the_file_has_them(monk
     assert asked.at_delays_of(mass) is asked
     assert [one.late for one in asked.at_delays_of((*mass, *late)).subjects] == [0.0, 0.0]
     assert looked == [0.0]
-
-
-def test_a_search_that_found_no_rest_is_refused() -> None:
-    subject = Mock(spec=Subject, one=Mock())
-    subject.one.recording.source = "shaken.tlog"
-    far = Settled(
-        np.zeros(2), SILENT.mean, Mock(spec=Pass), np.ones(3, dtype=bool), (), False, 600.0
-    )
-    with pytest.raises(RefusedError, match=r"shaken\.tlog.*no rest"):
-        settled.rested(subject, far)
-    settled.rested(subject, replace(far, left=40.0))
-    settled.rested(subject, replace(far, ended=True))
 
 
 @pytest.mark.parametrize(("doubt", "share"), [(1.0, 1.0), (2.5, 0.4)])

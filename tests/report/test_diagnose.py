@@ -134,7 +134,7 @@ NOTHING = {"causes": ["none"], "label": "nothing", "probability": 0.3, "log_baye
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"followed": False}, "cannot follow this simulation"),
+        ({"followed": False, "stands_out": []}, "cannot follow this simulation"),
         ({"strained": {}}, "actuator_backlash elevator fits best, but what took no part"),
         ({"ranking": [NOTHING] * 2, "strained": {"Cm.alpha": 4.0}}, "had to go farther"),
         ({"ranking": [NOTHING] * 2, "strained": {}}, "no cause is sure enough"),
@@ -145,6 +145,22 @@ def test_why_a_flight_cannot_tell_is_said(changed: dict[str, Any], why: str) -> 
     found = diagnose.findings({**summary({}), **silent, **changed})
     assert why in found[0].text
     assert found[0].text.startswith("this flight cannot tell: ")
+
+
+def test_what_stood_out_is_told_where_no_cause_has_a_measure() -> None:
+    late = {"parameter": "sensors.surface_delay", "label": "the surface delay", "off": 0.0337,
+            "ordinary": 0.01, "unit": "s"}  # fmt: skip
+    refused = {"verdict": "insufficient_data", "cause": "none", "explanation": [],
+               "followed": False, "stands_out": [late]}  # fmt: skip
+    told = {**summary({}), **refused}
+    topics = {item.topic: item.text for item in diagnose.findings(told)}
+    assert topics["Look at"].startswith("the surface delay +33.7 ms (ordinarily ± 10 ms)")
+    assert "Else" not in topics
+    (section,) = diagnose._explanations(told)
+    assert section.heading == "Where to look first"
+    assert section.tables[0].rows == (("the surface delay", "+33.7 ms", "10 ms"),)
+    assert diagnose._could(told) == ()
+    assert diagnose._explanations({**told, "stands_out": []}) == ()
 
 
 @pytest.mark.parametrize(
