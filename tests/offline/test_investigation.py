@@ -11,6 +11,7 @@ import pytest
 
 from gcs_sysid.diagnose.aided import other_names
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
@@ -264,3 +265,48 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     assert over.value.args[0].log_likelihood == 3400.0
     assert len(asked_for) > 1
     assert set(asked_for) == {NONE_NEEDED}
+
+
+@pytest.mark.parametrize(
+    ("accuracies", "end", "left", "stands"),
+    [
+        # No less free, and less probable with another cause: that one is weighed no more.
+        ((1.0, 2.0), -13.0, {EVERY[0], EVERY[2]}, 0.0),
+        # A file that is held tighter makes the flights less probable by itself; or they are more.
+        ((1.0, 0.1), -13.0, set(EVERY), -13.0),
+        ((1.0, 2.0), 13.0, set(EVERY), 13.0),
+    ],
+)
+def test_a_cause_that_gains_nothing_when_it_is_tried_is_left_out(
+    monkeypatch,
+    accuracies: tuple[float, float],
+    end: float,
+    left: set[Candidate],
+    stands: float,
+) -> None:
+    question = Restless((0.0, 2.0), (end, 2.0))
+    found = Posterior(np.zeros(7), np.eye(7), 0.0)
+    sets = [
+        Ranked(each, *(0.1, 1.0, 9.0), ((),) * len(each), found, loose)
+        for each, loose in zip((EVERY[:1], EVERY[:2]), accuracies, strict=True)
+    ]
+    favourites = iter(sets)
+    weighed: list[set[Candidate]] = []
+
+    def ranked(_told, _listed, every, _needed: Needed) -> tuple[Ranked, ...]:
+        weighed.append(set(every))
+        return (next(favourites, sets[0]),)
+
+    monkeypatch.setattr(
+        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
+    )
+    monkeypatch.setattr(investigation, "rank", ranked)
+    monkeypatch.setattr(investigation, "_with_a_right_file", lambda *_: None)
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert weighed[-1] == left
+    assert over.value.args[0].log_likelihood == stands
+
+
+def test_what_was_left_out_is_said() -> None:
+    assert investigation._gained_nothing(EVERY[:2]).startswith("mass and cg_shift seemed to")
