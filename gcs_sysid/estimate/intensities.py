@@ -504,7 +504,7 @@ def _information(
             others += [rows] * (TOGETHER - len(group))
             belief, found = linear_filter.changes(start, rows, done, others, belief)
             for part, scale in zip(found, (1.0, np.sqrt(0.5)), strict=True):
-                flat_part = np.moveaxis(np.asarray(part), 1, 0).reshape(TOGETHER, -1)
+                flat_part = np.moveaxis(np.asarray(part, float), 1, 0).reshape(TOGETHER, -1)
                 told.append(scale * flat_part[: len(group)])
         return np.concatenate(told, axis=1) / DIFFERENCE
 

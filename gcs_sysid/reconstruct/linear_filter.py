@@ -16,7 +16,7 @@ length and every aircraft.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,8 @@ from jaxtyping import Float
 
 from gcs_sysid.frames import Array
 from gcs_sysid.model.aided_linear import Linearised
+
+Single = TypeVar("Single")
 
 JITTER = 1e-14
 """Added to predicted variances before they are inverted: attitude gains none in its own right."""
@@ -238,7 +240,9 @@ def changes(
         dP⁺ = dP⁻ − KA − AᵀKᵀ + K dS Kᵀ        dm⁺ = dm⁻ + K dν + (Aᵀ − K dS) S⁻¹ν
 
     All that a row needs is worked out as its turn comes, so that nothing leaves the core's cache:
-    of eight at once each takes half the time that it takes with the differences made before.
+    of eight at once each takes half the time that it takes with the differences made before. What
+    the matrices differ by is taken in double precision, what follows of it is worked out in single:
+    it forgets as the filter does, so that errors do not grow, and takes a third less of the time.
 
     Args:
         start: belief at the chunk's beginning, the same for all.
@@ -256,23 +260,25 @@ def changes(
         changed: Belief, item: tuple[Linearised, Sequence[Linearised], Filtered, Belief]
     ) -> tuple[Belief, Changed]:
         row, others, step_, begun = item
-        by, weight = step_.gain.T @ step_.root, step_.root.T @ step_.whitened
-        seen = row.sensitivity
+        transition, seen = _single((row.transition, row.sensitivity))
+        earlier, expected = _single((begun, step_.predicted))
+        gain, root, whitened = _single((step_.gain, step_.root, step_.whitened))
+        by, weight = gain.T @ root, root.T @ whitened
 
         def one(change: Belief, other: Linearised) -> tuple[Belief, Changed]:
-            turned, looked = other.transition - row.transition, other.sensitivity - seen
-            mean = row.transition @ change.mean + turned @ begun.mean + other.offset - row.offset
-            half = 0.5 * row.transition @ change.covariance + turned @ begun.covariance
-            half = half @ row.transition.T
-            predicted = half + half.T + other.process - row.process
-            crossed = looked @ step_.predicted.covariance
+            differs = _single(jax.tree.map(jnp.subtract, other, row._replace(present=None)))
+            turned, looked = differs.transition, differs.sensitivity
+            mean = transition @ change.mean + turned @ earlier.mean + differs.offset
+            half = 0.5 * transition @ change.covariance + turned @ earlier.covariance
+            half = half @ transition.T
+            predicted = half + half.T + differs.process
+            crossed = looked @ expected.covariance
             both = crossed @ seen.T
             crossed = seen @ predicted + crossed
-            spread = crossed @ seen.T + both.T + jnp.diag(other.variance - row.variance)
-            innovation = other.residual - row.residual - looked @ step_.predicted.mean - seen @ mean
+            spread = crossed @ seen.T + both.T + jnp.diag(differs.variance)
+            innovation = differs.residual - looked @ expected.mean - seen @ mean
             fed = by @ (crossed - 0.5 * spread @ by.T)
             mean = mean + by @ (innovation - spread @ weight) + crossed.T @ weight
-            root = step_.root
             return (
                 Belief(mean, predicted - fed - fed.T),
                 Changed(root @ innovation, root @ spread @ root.T),
@@ -281,4 +287,9 @@ def changes(
         return jax.vmap(one)(changed, jax.tree.map(lambda *parts: jnp.stack(parts), *others))
 
     bare = tuple(other._replace(present=None) for other in others)
-    return jax.lax.scan(ahead, earlier, (rows, bare, done, before))
+    return jax.lax.scan(ahead, _single(earlier), (rows, bare, done, before))
+
+
+def _single(values: Single) -> Single:
+    """The same in single precision."""
+    return jax.tree.map(lambda part: part.astype(jnp.float32), values)
