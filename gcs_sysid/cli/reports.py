@@ -54,4 +54,4 @@ def sheet(
     made = {"simulate": simulate, "diagnose": diagnose, "suggest": suggest}[run]
     path = table.with_name(REPORT)
     documents.write_text(path, made.render(summary, samples))
-    return sheets.lines(made.findings(summary), path)
+    return sheets.lines(made.findings(summary), summary["warnings"], path)

@@ -265,6 +265,9 @@ def _diagnosed(
         answer = replace(answer, answer="unlisted_effect")
     named = answer.best if answer.answer in ("effect", "ambiguous") else None
     corrections = {} if named is None else wrong(final, named)
+    if not corrections:
+        # The file stays as it is.
+        after = before
     document = {
         **summary.header("diagnose", aircraft, "file"),
         "simulation": under.source,

@@ -17,8 +17,6 @@ from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
 _BARS = 6
-_LEADS = 4
-"""Of what stands out, told at once."""
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
@@ -51,17 +49,7 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
             sections=(
                 *_explanations(summary),
                 *_alternatives(summary),
-                Section(
-                    "gain",
-                    "Gain",
-                    "On maneuvers, or a flight, that took no part: the error in percent of the "
-                    "measured spread, and the negative log predictive density, lower is better. "
-                    "Below, coefficient by coefficient: rms of measured less predicted in percent "
-                    "of the measured spread, on what took no part, with what putting right gains "
-                    "there, ± 95 %, and on all that was flown."
-                    f"{_flown_words(summary)}",
-                    tables=(_gain(summary), _coefficients(summary), *_flown(summary)),
-                ),
+                *_gains(summary),
                 *_changes(summary),
                 *_could(summary),
                 Section(
@@ -98,15 +86,12 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         words = "; ".join(f"{item['label']} {100.0 * item['probability']:.0f} %" for item in others)
         found.append(Finding("Else", f"{words}."))
     elif summary["stands_out"]:
-        farthest = summary["stands_out"][:_LEADS]
-        words = "; ".join(
-            f"{one['label']} {off} (ordinarily ± {usual})"
-            for one, (off, usual) in zip(farthest, map(_off, farthest), strict=True)
+        words = ", ".join(f"{one['label']} {_off(one)[0]}" for one in summary["stands_out"])
+        found.append(
+            Finding("Look at", f"{words}: farther off than is ordinary, but nobody is accused.")
         )
-        found.append(Finding("Look at", f"{words}: no findings, but where to begin."))
     if "file_accuracy" in summary:
         found.append(Finding("File", _accuracy(summary["file_accuracy"])))
-    found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
 
 
@@ -293,6 +278,21 @@ def _explanations(summary: Mapping) -> tuple[Section, ...]:
             figures=(diagnosis.probabilities(shown, [item["label"] for item in shown]),),
         ),
     )
+
+
+def _gains(summary: Mapping) -> tuple[Section, ...]:
+    """What putting right gains, where there was something to be put right."""
+    if not summary.get("followed", True):
+        return ()
+    text = (
+        "On maneuvers, or a flight, that took no part: the error in percent of the measured "
+        "spread, and the negative log predictive density, lower is better. Below, coefficient by "
+        "coefficient: rms of measured less predicted in percent of the measured spread, on what "
+        "took no part, with what putting right gains there, ± 95 %, and on all that was flown."
+        f"{_flown_words(summary)}"
+    )
+    tables = (_gain(summary), _coefficients(summary), *_flown(summary))
+    return (Section("gain", "Gain", text, tables=tables),)
 
 
 def _could(summary: Mapping) -> tuple[Section, ...]:

@@ -10,6 +10,9 @@ from gcs_sysid.figures.data import Figure
 from gcs_sysid.report import page
 from gcs_sysid.report.findings import Finding
 
+_LINES, _WARNINGS = 10, 2
+"""Lines on a terminal, and warnings among them."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -67,9 +70,13 @@ def render(sheet: Sheet) -> str:
     return page.render("sheet.html.j2", figures, {"sheet": sheet, "summary": sheet.summary})
 
 
-def lines(findings: Sequence[Finding], report_path: str | PathLike[str]) -> str:
-    """The findings for a terminal: at most ten lines, the last naming the report."""
-    shown = [*findings[:9], Finding("Report", fspath(report_path))]
+def lines(
+    findings: Sequence[Finding], warnings: Sequence[str], report_path: str | PathLike[str]
+) -> str:
+    """Findings and the first warnings for a terminal: at most ten lines, the last the report's."""
+    warned = [Finding("Warning", text) for text in warnings[:_WARNINGS]]
+    said = [*findings, *warned][: _LINES - 1]
+    shown = [*said, Finding("Report", fspath(report_path))]
     width = max(len(finding.topic) for finding in shown)
     return "\n".join(
         f"{finding.topic:<{width}}  {' '.join(finding.text.split())}" for finding in shown

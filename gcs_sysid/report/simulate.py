@@ -119,7 +119,6 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
                 f"{first['t_s']:.1f} s: {first['region']}.",
             )
         )
-    found += [Finding("Warning", text) for text in summary["warnings"][:2]]
     return tuple(found)
 
 

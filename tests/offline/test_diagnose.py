@@ -296,7 +296,7 @@ def test_documents_and_report(hidden, folder) -> None:
 
 @pytest.mark.slow
 def test_findings_of_a_clean_flight_name_nobody(clean) -> None:
-    text = sheet.lines(findings(clean), "report.html")
+    text = sheet.lines(findings(clean), clean["warnings"], "report.html")
     assert "Cause" not in text
     assert text.splitlines()[-1].endswith("report.html")
 

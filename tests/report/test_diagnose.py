@@ -154,12 +154,12 @@ def test_what_stood_out_is_told_where_no_cause_has_a_measure() -> None:
                "followed": False, "stands_out": [late]}  # fmt: skip
     told = {**summary({}), **refused}
     topics = {item.topic: item.text for item in diagnose.findings(told)}
-    assert topics["Look at"].startswith("the surface delay +33.7 ms (ordinarily ± 10 ms)")
+    assert topics["Look at"].startswith("the surface delay +33.7 ms: farther off than is ordinary")
     assert "Else" not in topics
     (section,) = diagnose._explanations(told)
     assert section.heading == "Where to look first"
     assert section.tables[0].rows == (("the surface delay", "+33.7 ms", "10 ms"),)
-    assert diagnose._could(told) == ()
+    assert diagnose._could(told) == diagnose._gains(told) == ()
     assert diagnose._explanations({**told, "stands_out": []}) == ()
 
 
