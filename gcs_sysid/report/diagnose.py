@@ -20,6 +20,7 @@ _BARS = 6
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
+_HELD_OUT = ("held out, before", "after", "gained")
 
 
 def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
@@ -284,11 +285,12 @@ def _gains(summary: Mapping) -> tuple[Section, ...]:
     """What putting right gains, where there was something to be put right."""
     if not summary.get("followed", True):
         return ()
+    apart = "on what took no part, with what putting right gains there, ± 95 %, and "
     text = (
         "On maneuvers, or a flight, that took no part: the error in percent of the measured "
         "spread, and the negative log predictive density, lower is better. Below, coefficient by "
-        "coefficient: rms of measured less predicted in percent of the measured spread, on what "
-        "took no part, with what putting right gains there, ± 95 %, and on all that was flown."
+        "coefficient: rms of measured less predicted in percent of the measured spread, "
+        f"{apart if summary['gain'].get('channels') else ''}on all that was flown."
         f"{_flown_words(summary)}"
     )
     tables = (_gain(summary), _coefficients(summary), *_flown(summary))
@@ -404,19 +406,17 @@ def _gain(summary: Mapping) -> Table:
 
 
 def _coefficients(summary: Mapping) -> Table:
+    """Coefficient by coefficient; what took no part where that was judged by coefficient."""
     judged = summary["gain"].get("channels", {})
     rows = []
     for name, item in summary["discrepancy"].items():
-        one = judged.get(name)
-        apart = ("–",) * 3
-        if one is not None:
+        apart: tuple[str, ...] = ("–",) * len(_HELD_OUT) if judged else ()
+        if (one := judged.get(name)) is not None:
             gained = plus_minus(one["gained"], _SIGMAS * one["gained_sd"])
             apart = (number(one["before"]), number(one["after"]), gained)
         rows.append((name, *apart, *(number(100.0 * item[key]) for key in ("before", "after"))))
-    return Table(
-        ("", "held out, before", "after", "gained", "all, before", "after"),
-        tuple(rows),
-    )
+    head = ("", *(_HELD_OUT if judged else ()), "all, before", "after")
+    return Table(head, tuple(rows))
 
 
 def _flown_words(summary: Mapping) -> str:

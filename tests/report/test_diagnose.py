@@ -127,6 +127,19 @@ def test_what_a_flight_could_show_is_said_with_what_is_like_it() -> None:
     assert pitot[-3:] == ("no size", "no", "")
 
 
+def test_coefficients_are_told_for_what_took_no_part_where_that_is_known() -> None:
+    told = {**summary({}), "discrepancy": {"Cm": {"before": 0.31, "after": 0.05}}}
+    plain = diagnose._coefficients(told)
+    assert plain.head == ("", "all, before", "after")
+    assert plain.rows == (("Cm", "31.0", "5.00"),)
+    told["gain"]["channels"] = {"Cm": {"before": 30.0, "after": 6.0, "gained": 24.0,
+                                       "gained_sd": 1.0}}  # fmt: skip
+    judged = diagnose._coefficients(told)
+    assert judged.head[1:4] == ("held out, before", "after", "gained")
+    assert judged.rows[0][:4] == ("Cm", "30.0", "6.00", "24.0 ± 2.0")
+    assert len(judged.rows[0]) == len(judged.head)
+
+
 NOTHING = {"causes": ["none"], "label": "nothing", "probability": 0.3, "log_bayes_factor": 0.0,
            "parameters": {}}  # fmt: skip
 
