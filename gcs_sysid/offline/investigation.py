@@ -247,13 +247,14 @@ def investigate(
             needed = Needed((twin.other,), won)
         more = all(cause in trial.causes for cause in standing.causes)
         beside = [one for one in trial.causes if one not in standing.causes]
-        if more and beside and lost > 0.0 and accuracy >= looseness and sizes is None:
-            # With more set free and nothing held tighter the flights are less probable: what more
-            # was foretold to gain is of the parabola, not of them.
+        freer = accuracy >= looseness and sizes is None and (more or not trial.ended)
+        if lost > REFUTED and not more:
+            needed = Needed(standing.causes, lost)
+        elif beside and lost > 0.0 and freer:
+            # With as much set free the flights are less probable: what was foretold to be gained,
+            # and is still promised where the search stands, is the parabola's, and not theirs.
             barren |= set(beside)
             notes.append(_gained_nothing(beside))
-        elif lost > REFUTED and not more:
-            needed = Needed(standing.causes, lost)
         else:
             standing, question, reached = trial, asking, sizes or reached
             looseness = accuracy

@@ -268,27 +268,31 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("accuracies", "end", "left", "stands"),
+    ("second", "accuracies", "end", "left", "stands"),
     [
         # No less free, and less probable with another cause: that one is weighed no more.
-        ((1.0, 2.0), -13.0, {EVERY[0], EVERY[2]}, 0.0),
+        (EVERY[:2], (1.0, 2.0), (-13.0, 2.0), {EVERY[0], EVERY[2]}, 0.0),
         # A file that is held tighter makes the flights less probable by itself; or they are more.
-        ((1.0, 0.1), -13.0, set(EVERY), -13.0),
-        ((1.0, 2.0), 13.0, set(EVERY), 13.0),
+        (EVERY[:2], (1.0, 0.1), (-13.0, 2.0), set(EVERY), -13.0),
+        (EVERY[:2], (1.0, 2.0), (13.0, 2.0), set(EVERY), 13.0),
+        # Another cause instead may be simpler, unless more is promised where its search is stuck.
+        (EVERY[1:2], (1.0, 1.0), (-13.0, 2.0), set(EVERY), -13.0),
+        (EVERY[1:2], (1.0, 1.0), (-13.0, 300.0), {EVERY[0], EVERY[2]}, 0.0),
     ],
 )
 def test_a_cause_that_gains_nothing_when_it_is_tried_is_left_out(
     monkeypatch,
+    second: tuple[Candidate, ...],
     accuracies: tuple[float, float],
-    end: float,
+    end: tuple[float, float],
     left: set[Candidate],
     stands: float,
 ) -> None:
-    question = Restless((0.0, 2.0), (end, 2.0))
+    question = Restless((0.0, 2.0), end)
     found = Posterior(np.zeros(7), np.eye(7), 0.0)
     sets = [
         Ranked(each, *(0.1, 1.0, 9.0), ((),) * len(each), found, loose)
-        for each, loose in zip((EVERY[:1], EVERY[:2]), accuracies, strict=True)
+        for each, loose in zip((EVERY[:1], second), accuracies, strict=True)
     ]
     favourites = iter(sets)
     weighed: list[set[Candidate]] = []
