@@ -152,7 +152,7 @@ def investigate(
     asked = Asked(aircraft, flights, fitted, held_out)
     reached = dict[str, float]()
     question = asked.question()
-    every, barren = question.every, set[Candidate]()
+    every = question.every
     steps = len(flights) * (1 + ROUNDS)
 
     def telling(doing: str, turn: int) -> Telling:
@@ -161,8 +161,7 @@ def investigate(
         )
 
     def weighed(answer: Answer, needed: Needed = NONE_NEEDED) -> tuple[Ranked, ...]:
-        left = [one for one in every if one not in barren]
-        found = rank(answer.information, question.listed, left, needed)
+        found = rank(answer.information, question.listed, every, needed)
         kept(found)
         return found
 
@@ -179,7 +178,6 @@ def investigate(
         standing = question.rested(flying, standing, relations)
         ranked = weighed(standing)
     tested: set[frozenset[Candidate]] = {frozenset()}
-    looseness, notes = 1.0, list[str]()
     needed, farthest, right, overshot = NONE_NEEDED, 0.0, False, False
     for turn in range(1, ROUNDS + 1):
         best, listed = ranked[0], question.listed
@@ -246,18 +244,10 @@ def investigate(
         if twin is not None and won > REFUTED:
             needed = Needed((twin.other,), won)
         more = all(cause in trial.causes for cause in standing.causes)
-        beside = [one for one in trial.causes if one not in standing.causes]
-        freer = accuracy >= looseness and sizes is None and (more or not trial.ended)
         if lost > REFUTED and not more:
             needed = Needed(standing.causes, lost)
-        elif beside and lost > 0.0 and freer:
-            # With as much set free the flights are less probable: what was foretold to be gained,
-            # and is still promised where the search stands, is the parabola's, and not theirs.
-            barren |= set(beside)
-            notes.append(_gained_nothing(beside))
         else:
             standing, question, reached = trial, asking, sizes or reached
-            looseness = accuracy
         ranked = weighed(standing, needed)
     if roughly and not standing.causes:
         standing = question.rested(flying, standing, relations)
@@ -304,21 +294,12 @@ def investigate(
         subjects=question.subjects,
         settled=tuple(last.settled for last in done),
         farthest=farthest,
-        notes=(
-            *notes,
-            *(
-                f"{one.one.recording.source}: the filter had not quite settled after its last turn"
-                for one, last in zip(question.subjects, done, strict=True)
-                if not last.settled.ended
-            ),
+        notes=tuple(
+            f"{one.one.recording.source}: the filter had not quite settled after its last turn"
+            for one, last in zip(question.subjects, done, strict=True)
+            if not last.settled.ended
         ),
     )
-
-
-def _gained_nothing(causes: Sequence[Candidate]) -> str:
-    """What is said of causes that linear evidence favours, and a search with them does not."""
-    labels = " and ".join(one.label for one in causes)
-    return f"{labels} seemed to explain more, and put to the test explained nothing: left out"
 
 
 def _with_a_right_file(

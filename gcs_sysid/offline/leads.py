@@ -36,7 +36,7 @@ UNITS = {
     "heading": "rad",
     "shear": "1/s",
 }
-"""Of what the model's parameters are; all others are shares or coefficients."""
+"""Of parameters of sensors and departures; all others of these are shares."""
 
 
 class Lead(NamedTuple):
@@ -85,14 +85,14 @@ def standing_out(names: Sequence[str], before: Beliefs, done: Settled) -> list[L
         return []
     usual = np.sqrt(np.diagonal(before.covariance))
     leads = [
-        Lead(name, float(off), float(sigma), UNITS.get(_root(name), "1"))
+        Lead(name, float(off), float(sigma), _unit(name))
         for name, off, sigma in zip(names, done.values - before.mean, usual, strict=True)
         if abs(off) > UNUSUAL * sigma > 0.0
     ]
     return sorted(leads, key=lambda one: -abs(one.off) / one.ordinary)
 
 
-def _root(name: str) -> str:
-    """`surface_delay` of `sensors.surface_delay`, `offset` of `departures.offset.0`."""
+def _unit(name: str) -> str:
+    """Of `sensors.surface_delay`, `departures.offset.0`; "1" is a share, a derivative has none."""
     kind, root, *_ = name.split(".")
-    return root if kind in ("sensors", "departures") else ""
+    return UNITS.get(root, "1") if kind in ("sensors", "departures") else ""

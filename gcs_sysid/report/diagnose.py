@@ -319,7 +319,7 @@ def _leads(summary: Mapping) -> Table:
 def _off(lead: Mapping) -> tuple[str, str]:
     """By how much something is off, and ordinarily is, in units for people."""
     off, ordinary, unit = for_people(lead["off"], lead["ordinary"], lead["unit"])
-    return f"{off:+.3g} {unit}", f"{ordinary:.2g} {unit}"
+    return f"{off:+.3g} {unit}".strip(), f"{ordinary:.2g} {unit}".strip()
 
 
 def _ranking(summary: Mapping) -> Table:

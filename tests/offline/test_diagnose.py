@@ -21,6 +21,7 @@ from gcs_sysid.aircraft_toml.section import Section
 from gcs_sysid.cli import entry, numerics, reports
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.offline import diagnose, investigation, simulate, tested
+from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.report import sheet
 from gcs_sysid.report.diagnose import findings
 from tests.offline.test_investigation import Asked
@@ -120,7 +121,7 @@ def test_a_simulation_that_the_filter_cannot_follow_accuses_nobody(
     and a centre of gravity of it at 99 %."""
 
     def lost(*_given: object, **_named: object) -> None:
-        raise RefusedError("hidden.tlog", "the model lost the aircraft", fix="check the signs")
+        raise RestlessError("hidden.tlog", [Lead("departures.offset.0", -0.04, 0.009, "rad")])
 
     monkeypatch.setattr(diagnose.gust_diagnosis, "diagnosed", lost)
     found = diagnose.run(
@@ -141,7 +142,13 @@ def test_a_simulation_that_the_filter_cannot_follow_accuses_nobody(
     assert found["probability"] < 0.1
     assert "cannot follow" in findings(found)[0].text
     assert found["unlisted"] is None
-    assert any("lost the aircraft" in text for text in found["warnings"])
+    assert any("found no rest" in text for text in found["warnings"])
+    (lead,) = found["stands_out"]
+    assert (lead["label"], lead["off"]) == ("the offset of the elevator", -0.04)
+    # The file stays as it is, and so does what it is off by.
+    gain = found["gain"]
+    assert gain["holdout_error_after"] == gain["holdout_error_before"]
+    assert gain["holdout_nlpd_after"] == gain["holdout_nlpd_before"]
     assert aircraft_file.load(folder / "lost" / "aircraft-extended.toml").mass.cg == (0.0, 0.0, 0.0)
 
 

@@ -11,13 +11,13 @@ import pytest
 
 from gcs_sysid.diagnose.aided import other_names
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed
-from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Weighed
 from gcs_sysid.offline import investigation
 from gcs_sysid.offline.flight import Flight
+from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.question import Answer, Trial
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 from tests.offline.made_aircraft import small
@@ -267,50 +267,48 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     assert set(asked_for) == {NONE_NEEDED}
 
 
-@pytest.mark.parametrize(
-    ("second", "accuracies", "end", "left", "stands"),
-    [
-        # No less free, and less probable with another cause: that one is weighed no more.
-        (EVERY[:2], (1.0, 2.0), (-13.0, 2.0), {EVERY[0], EVERY[2]}, 0.0),
-        # A file that is held tighter makes the flights less probable by itself; or they are more.
-        (EVERY[:2], (1.0, 0.1), (-13.0, 2.0), set(EVERY), -13.0),
-        (EVERY[:2], (1.0, 2.0), (13.0, 2.0), set(EVERY), 13.0),
-        # Another cause instead may be simpler, unless more is promised where its search is stuck.
-        (EVERY[1:2], (1.0, 1.0), (-13.0, 2.0), set(EVERY), -13.0),
-        (EVERY[1:2], (1.0, 1.0), (-13.0, 300.0), {EVERY[0], EVERY[2]}, 0.0),
-    ],
-)
-def test_a_cause_that_gains_nothing_when_it_is_tried_is_left_out(
-    monkeypatch,
-    second: tuple[Candidate, ...],
-    accuracies: tuple[float, float],
-    end: tuple[float, float],
-    left: set[Candidate],
-    stands: float,
-) -> None:
-    question = Restless((0.0, 2.0), end)
+def test_a_search_without_rest_is_refused_with_what_stood_out(monkeypatch) -> None:
+    late = Lead("sensors.surface_delay", 0.034, 0.01, "s")
+    subject = Mock()
+    subject.one.recording.source = "shaken.tlog"
+
+    class Built(investigation.Investigation):
+        """Of nothing."""
+
+        def __init__(self, **_given: object) -> None:
+            pass
+
+    class Ended(Restless):
+        subjects, quantities, model = (subject,), None, None
+
+        def __init__(self, *, restless: bool) -> None:
+            super().__init__((0.0, 600.0))
+            self.restless = restless
+
+        def leads(self, _begun: None) -> list[list[Lead]]:
+            return [[late]]
+
+        def tried(self, *given: object) -> list[Answer]:
+            (answer,) = super().tried(*given)
+            answer.each[0].settled.restless = self.restless
+            return [answer]
+
+        def missing(self, _standing: Answer) -> tuple[None, float]:
+            return None, 0.0
+
+    def investigated(question: Ended) -> object:
+        asked = Mock(flown=(), question=lambda: question)
+        monkeypatch.setattr(investigation, "Asked", lambda *_: asked)
+        unread = Flight.__new__(Flight)
+        return investigation.investigate(small(), (unread,), (True,), (), lambda *_: None)
+
     found = Posterior(np.zeros(7), np.eye(7), 0.0)
-    sets = [
-        Ranked(each, *(0.1, 1.0, 9.0), ((),) * len(each), found, loose)
-        for each, loose in zip((EVERY[:1], second), accuracies, strict=True)
-    ]
-    favourites = iter(sets)
-    weighed: list[set[Candidate]] = []
-
-    def ranked(_told, _listed, every, _needed: Needed) -> tuple[Ranked, ...]:
-        weighed.append(set(every))
-        return (next(favourites, sets[0]),)
-
-    monkeypatch.setattr(
-        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
-    )
-    monkeypatch.setattr(investigation, "rank", ranked)
+    best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, RIGHT)
+    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
     monkeypatch.setattr(investigation, "_with_a_right_file", lambda *_: None)
-    with pytest.raises(Over) as over:
-        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
-    assert weighed[-1] == left
-    assert over.value.args[0].log_likelihood == stands
-
-
-def test_what_was_left_out_is_said() -> None:
-    assert investigation._gained_nothing(EVERY[:2]).startswith("mass and cg_shift seemed to")
+    monkeypatch.setattr(investigation, "Investigation", Built)
+    assert isinstance(investigated(Ended(restless=False)), Built)
+    with pytest.raises(RestlessError) as refusal:
+        investigated(Ended(restless=True))
+    assert refusal.value.where == "shaken.tlog"
+    assert refusal.value.leads == (late,)

@@ -13,6 +13,7 @@ from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.leads import RestlessError, standing_out
 from gcs_sysid.reconstruct.causal import Pass
+from gcs_sysid.report import diagnose as report
 from tests.estimate import made_flight
 
 SILENT = Prior(*[made_flight.unknowns(1.0).log_noise] * 2)
@@ -54,6 +55,19 @@ def test_where_the_search_did_not_even_begin_well_nothing_stands_out() -> None:
     assert standing_out(NAMES, before, lost) == []
 
 
+def test_a_derivative_is_off_by_a_number_and_a_mass_by_a_share() -> None:
+    before = Beliefs(np.zeros(5), np.diag(USUAL**2), SILENT)
+    found = standing_out(NAMES, before, settled(np.array([-0.44, 0.0, 0.0, 0.0, 0.1])))
+    assert [(one.name, one.unit) for one in found] == [
+        ("departures.mass", "1"),
+        ("aerodynamics.Cm.alpha", ""),
+    ]
+    words = [report._off(one) for one in entries.stands_out(found, ())]
+    assert words == [("+10 %", "2 %"), ("-0.44", "0.1")]
+
+
 def test_a_refusal_says_which_flight_and_what_to_do() -> None:
-    with pytest.raises(RestlessError, match=r"shaken\.tlog.*no rest.*calmer air"):
-        raise RestlessError("shaken.tlog", [])
+    said = str(RestlessError("shaken.tlog", []))
+    assert said.startswith("shaken.tlog: ")
+    assert "no rest" in said
+    assert "fly in calmer air" in said
