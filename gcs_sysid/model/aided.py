@@ -66,9 +66,10 @@ ROW_COUNT = 15
 MOVING = BLOCKS["wind"].start
 """The states of the aircraft's motion are those before this one; they feel the others, which go
 their own way."""
-TUBE = 0.2
-"""Lag of a pitot tube [s] that `State.tube` has: with a metre of thin tubing. Of another, stated or
-found, the tube shows its share: to first order the same, and exact at this one."""
+TUBE, LEAST_TUBE, FALLING = 0.2, 0.05, 3.0
+"""Lag of a pitot tube [s] that `State.tube` has where there is none to speak of, with a metre of
+thin tubing; the least that it has; and by how much it falls as the tube's own lag grows, until it
+is that one (see `tube_lag`)."""
 PUSH_TIME = 2.0
 """Correlation time of the thrust map's error [s]: that of throttle and airspeed."""
 AIRSPEED_TIME = 0.28
@@ -88,7 +89,7 @@ class State(NamedTuple):
         attitude: quaternion, body to NED.
         velocity: of the centre of gravity over ground, NED [m/s].
         rate: inertial, body axes, as it would be if moments did not lag [rad/s].
-        tube: airspeed that a pitot tube with a lag of `TUBE` would show [m/s].
+        tube: airspeed that a pitot tube with a lag of `tube_lag` would show [m/s].
         air: the moving air.
         attitude_error: by which the attitude source is turned, level axes [rad].
         push: acceleration along x that the thrust maps do not know [m/s²].
@@ -362,11 +363,27 @@ def through_air(
 def filling(
     aircraft: Aircraft, means: Means, state: State, row: Row, rate: Float[Array, " axis"]
 ) -> Float[Array, " one"]:
-    """Rate of change of what a tube with a lag shows, (V − tube)/TUBE [m/s²]."""
+    """Rate of change of what a tube with a lag T shows, (V − tube)/T [m/s²]."""
     speed, _, _ = through_air(
         aircraft, means, state, row, rate, jnp.asarray(aircraft.pitot.position)
     )
-    return (speed - state.tube) / TUBE
+    return (speed - state.tube) / tube_lag(aircraft, means.sensors)
+
+
+def tube_lag(aircraft: Aircraft, errors: Sensors) -> Float[Array, ""]:
+    """Lag T of `State.tube` [s], that of the tube where it has one.
+
+    Of a tube with a lag τ, V + τ/T · (tube − V) is shown, which is exact where T = τ, as from
+    `LEAST_TUBE` on. Where there is no lag, T says how what a first one does is told: as that of one
+    of `TUBE` does it, since a shorter one sees more of a gust than any airspeed is told of.
+    """
+    lag = own_lag(aircraft, errors)
+    return jnp.maximum(lag, jnp.maximum(TUBE - FALLING * lag, LEAST_TUBE))
+
+
+def own_lag(aircraft: Aircraft, errors: Sensors) -> Float[Array, ""]:
+    """Lag τ of the pitot tube [s]."""
+    return aircraft.pitot.error.lag + errors.airspeed_lag
 
 
 def motion(aircraft: Aircraft, means: Means, state: State, row: Row) -> Float[Array, " state"]:
@@ -424,8 +441,8 @@ def innovation(aircraft: Aircraft, means: Means, state: State, row: Row) -> Floa
     speed, _, _ = flow(shifted(0, errors.airspeed_delay), jnp.asarray(aircraft.pitot.position))
     late = row.measured.age[0] - errors.airspeed_delay
     shown = state.tube[0] + late * filling(aircraft, means, state, row, rate)[0]
-    lag = aircraft.pitot.error.lag + errors.airspeed_lag
-    speed = speed + lag / TUBE * (shown - speed)
+    share = own_lag(aircraft, errors) / tube_lag(aircraft, errors)
+    speed = speed + share * (shown - speed)
     tracked, _ = shifted(1, errors.velocity_delay)
     turned = shifted(2, errors.attitude_delay)[0].attitude
     turned = told(turned, errors)

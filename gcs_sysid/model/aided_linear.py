@@ -26,7 +26,6 @@ from gcs_sysid.model.aided import (
     ROW_COUNT,
     ROWS,
     SIZE,
-    TUBE,
     Means,
     Noise,
     Row,
@@ -38,6 +37,7 @@ from gcs_sysid.model.aided import (
     filling,
     innovation,
     of_axes,
+    tube_lag,
 )
 from gcs_sysid.model.air import Air, Turbulence
 
@@ -182,7 +182,8 @@ def jacobian(
     matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
     matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
-    return matrix.at[BLOCKS["tube"], BLOCKS["tube"]].set(-1.0 / TUBE)
+    tube = -1.0 / tube_lag(aircraft, means.sensors)
+    return matrix.at[BLOCKS["tube"], BLOCKS["tube"]].set(tube)
 
 
 def _grown(means: Means, state: State, row: Row) -> Float[Array, "axis axis"]:

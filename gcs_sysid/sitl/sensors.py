@@ -102,7 +102,7 @@ class Sensors:
         self._elevation = elevation
         self._generator = generator
         self._misalignment = _rotation(aircraft.imu.misalignment)
-        self._lagged: dict[str, float] = {}
+        self._lagged: dict[str, tuple[float, float]] = {}
         self._tilt = _Drift(noise.attitude_drift, 60.0, generator, 2)
         self._heading = _Drift(noise.heading_drift, 60.0, generator, 1)
         self._velocity = _Drift(noise.velocity_drift, 4.0, generator, 3)
@@ -204,10 +204,19 @@ class Sensors:
         return state.u_air + u, state.v_air + v, state.w_air + w
 
     def _indicated(self, name: str, true: float, error: SensorError, *, axis: int = 0) -> float:
-        before = self._lagged.get(name, true)
-        decay = math.exp(-PERIOD / error.lag) if error.lag > 0.0 else 0.0
-        self._lagged[name] = true + decay * (before - true)
-        return (1.0 + error.scale[axis]) * self._lagged[name] + error.bias[axis]
+        """What is told of a value that moves on a line from one sample to the next.
+
+        So taken, τ ẏ = x − y is solved exactly. With the later value held over the step it would
+        lag by half a step less.
+        """
+        lagged = true
+        if error.lag > 0.0:
+            before, there = self._lagged.get(name, (true, true))
+            decay = math.exp(-PERIOD / error.lag)
+            mean = (1.0 - decay) * error.lag / PERIOD
+            lagged = decay * there + (mean - decay) * before + (1.0 - mean) * true
+            self._lagged[name] = true, lagged
+        return (1.0 + error.scale[axis]) * lagged + error.bias[axis]
 
 
 class _Drift:

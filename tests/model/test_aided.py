@@ -97,7 +97,7 @@ def test_what_the_sensors_read_leaves_no_innovation() -> None:
 
 
 def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
-    """Steady but for the tube: it fills by (V − tube)/0.2 s, and shows what has come in."""
+    """Steady but for the tube: it fills by (V − tube)/T, and shows what has come in."""
     now = state()._replace(airspeed_error=jnp.zeros(1))
     known = means(STONE)
     still = row(0.0)
@@ -107,21 +107,43 @@ def test_a_tube_with_a_lag_shows_what_was_a_while_ago() -> None:
     filled = aided.filling(STONE, known, now, still, rate)
     np.testing.assert_allclose(filled, [(speed - 21.0) / 0.2])
     seen = still._replace(measured=still.measured._replace(airspeed=jnp.asarray([21.0])))
-    slow, half = (
+    late, slight = (
         known._replace(sensors=known.sensors._replace(airspeed_lag=jnp.asarray(lag)))
-        for lag in (0.2, 0.1)
+        for lag in (0.1, 0.02)
     )
-    left = aided.innovation(STONE, slow, now, seen)
+    # From a twentieth of a second on it is the tube's own lag that it fills by.
+    filled = aided.filling(STONE, late, now, still, rate)
+    np.testing.assert_allclose(filled, [(speed - 21.0) / 0.1])
+    left = aided.innovation(STONE, late, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
-    left = aided.innovation(STONE, half, now, seen)
-    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
-    # Of a lag that the file states, the tube shows its share as well.
-    error = replace(STONE.pitot.error, lag=0.1)
+    # Below, the state's is longer, and its share is shown.
+    filled = aided.filling(STONE, slight, now, still, rate)
+    np.testing.assert_allclose(filled, [(speed - 21.0) / 0.14])
+    left = aided.innovation(STONE, slight, now, seen)
+    np.testing.assert_allclose(left[ROWS["airspeed"]], 6.0 / 7.0 * (21.0 - speed), atol=1e-12)
+    # A lag that the file states counts as one that is found.
+    error = replace(STONE.pitot.error, lag=0.08)
     stated = replace(STONE, pitot=replace(STONE.pitot, error=error))
-    left = aided.innovation(stated, known, now, seen)
-    np.testing.assert_allclose(left[ROWS["airspeed"]], 0.5 * (21.0 - speed), atol=1e-12)
-    left = aided.innovation(stated, half, now, seen)
+    filled = aided.filling(stated, slight, now, still, rate)
+    np.testing.assert_allclose(filled, [(speed - 21.0) / 0.1])
+    left = aided.innovation(stated, slight, now, seen)
     np.testing.assert_allclose(left[ROWS["airspeed"]], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.1, 0.3])
+def test_a_tube_swings_as_a_first_order_lag_does(lag: float) -> None:
+    """V = 20 + sin ωt, ω = 8 rad/s: 1/√(1 + (ωτ)²) of it is shown, arctan ωτ later."""
+    errors = means(STONE).sensors._replace(airspeed_lag=jnp.asarray(lag))
+    fills = float(aided.tube_lag(STONE, errors))
+    share = float(aided.own_lag(STONE, errors)) / fills
+    time, omega = np.arange(0.0, 6.0, 1e-4), 8.0
+    speed = 20.0 + np.sin(omega * time)
+    tube = np.full_like(time, 20.0)
+    for i in range(1, time.size):
+        tube[i] = tube[i - 1] + 1e-4 * (speed[i - 1] - tube[i - 1]) / fills
+    shown = speed + share * (tube - speed)
+    late = 20.0 + np.sin(omega * time - np.arctan(omega * lag)) / np.hypot(1.0, omega * lag)
+    np.testing.assert_allclose(shown[time > 4.0], late[time > 4.0], atol=1e-3)
 
 
 @jax.jit

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import other_names
-from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed, rank
+from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
@@ -158,6 +159,27 @@ def test_when_the_file_is_tried_as_right(
         investigation.investigate(small(), (unread,), (True,), (), lambda _text, _share: None)
     assert question.accuracies == accuracies
     assert over.value.args[0].log_likelihood == stands
+
+
+@pytest.mark.parametrize("left", [200.0, 2.0])
+def test_of_many_causes_the_strongest_is_set_free_first_far_from_rest(left: float) -> None:
+    information = told({"mass": 0.3, "cg.x": 0.1, "airspeed": 0.08})
+    done = Mock(spec=Settled, log_likelihood=(0.0,), ended=left < 30.0, left=left)
+    standing = Answer((), [Mock(spec=Weighed, settled=done)], information, information)
+    best = replace(rank(information, listed(), EVERY)[0], causes=EVERY)
+
+    def first(tested: set[frozenset[Candidate]], known: tuple[Candidate, ...] = ()) -> Ranked:
+        there = replace(standing, causes=known)
+        return investigation._strongest_first(there, best, listed(), NONE_NEEDED, tested)
+
+    if done.ended:
+        assert first(set()) is best
+        return
+    # Alone, mass explains most; then what explains most beside it.
+    assert first(set()).causes == (EVERY[0],)
+    assert first({frozenset(EVERY[:1])}).causes != (EVERY[0],)
+    # One is known already: two more are no long way.
+    assert first(set(), EVERY[:1]) is best
 
 
 LAGGING, ROLLING = {"lag.elevator": 0.1}, {"lag.elevator": 0.1, "lag.aileron": 0.1}

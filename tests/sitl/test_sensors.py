@@ -70,12 +70,19 @@ def test_bias_and_scale_act_on_each_axis():
 
 
 def test_a_lag_is_a_first_order_lag():
+    """What rises steadily is shown as it was a lag ago; what jumps comes in by exp(−t/τ)."""
+    lagging = sensors(examples.plain({}, pitot=Pitot(error=SensorError(lag=0.1))))
+    speeds = 20.0 + 2.0 * PERIOD * np.arange(200)
+    rising = [dataclasses.replace(FLYING, u_air=speed, V=speed) for speed in speeds]
+    found = [lagging.measure(state).indicated_airspeed for state in rising]
+    assert found[-1] == pytest.approx(speeds[-1] - 2.0 * 0.1, abs=1e-6)
+    # From the middle of the step in which it rose, but for a third order in it.
     lagging = sensors(examples.plain({}, pitot=Pitot(error=SensorError(lag=0.1))))
     lagging.measure(FLYING)
     faster = dataclasses.replace(FLYING, u_air=30.0, V=30.0)
     found = [lagging.measure(faster).indicated_airspeed for _ in range(5)]
-    wanted = [30.0 - 10.0 * math.exp(-PERIOD * n / 0.1) for n in range(1, 6)]
-    assert found == pytest.approx(wanted)
+    wanted = [30.0 - 10.0 * math.exp(-PERIOD * (n - 0.5) / 0.1) for n in range(1, 6)]
+    assert found == pytest.approx(wanted, abs=10.0 * (PERIOD / 0.1) ** 2 / 24.0)
 
 
 @pytest.mark.parametrize(("measures", "wanted"), [("EAS", 20.0 * math.sqrt(0.9)), ("TAS", 20.0)])

@@ -33,8 +33,9 @@ def test_a_slow_tube_answers_a_step_late():
     slow = hidden.measured(hidden.hide("pitot_lag", pitot_lag=0.2), *states).indicated_airspeed
     start = hidden.measured(hidden.flight(), hidden.MOVING).indicated_airspeed
     end = hidden.measured(hidden.flight(), faster).indicated_airspeed
-    # Ten samples of the step have been seen when the last one is taken.
-    assert (end - slow) / (end - start) == pytest.approx(math.exp(-10 * PERIOD / 0.2), rel=1e-6)
+    # Nine samples and a half of the step have been seen when the last one is taken.
+    left = math.exp(-9.5 * PERIOD / 0.2)
+    assert (end - slow) / (end - start) == pytest.approx(left, rel=(PERIOD / 0.2) ** 2 / 20.0)
 
 
 def test_a_biased_accelerometer_says_more():
