@@ -77,6 +77,7 @@ class Weighed(NamedTuple):
         told: what the rows that were fitted say of all parameters, intensities integrated out.
         apart: what the others say, with intensities as they were found.
         asked: instruments by which they say it.
+        by: how errors were taken to move scores.
         doubt: square of the deviations that the unknowns are from where all scores vanish, on
             average: where the flight is most probable elsewhere, it knows by so much less than
             either says (Birge, Physical Review 40, 1932). Not below 1.
@@ -86,7 +87,16 @@ class Weighed(NamedTuple):
     told: Told
     apart: Told
     asked: Instruments
+    by: Relation
     doubt: float = 1.0
+
+    def asked_again(self, by: Relation) -> Instruments | None:
+        """Instruments for a search nearby by another relation; None where it asks of others.
+
+        Of a wind's growth with height a flight tells nothing where it finds no wind.
+        """
+        same = all(map(np.array_equal, by.free, self.by.free))
+        return self.asked if same else None
 
 
 def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: Beliefs) -> Relation:
@@ -184,7 +194,7 @@ def climbed(
         tolerated=0.5 * MOST_DOUBT * search.count,
     )
     doubt = max(2.0 * left / search.count, 1.0)
-    return Weighed(settled, *search.told(used, here, settled), used.asked, doubt)
+    return Weighed(settled, *search.told(used, here, settled), used.asked, by, doubt)
 
 
 class _Using(NamedTuple):

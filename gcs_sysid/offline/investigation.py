@@ -178,7 +178,7 @@ def investigate(
     ranked = weighed(standing)
     roughly = bool(ranked[0].causes)
     if not roughly:
-        standing = question.rested(flying, standing, relations)
+        standing = question.rested(flying, standing)
         ranked = weighed(standing)
     tested: set[frozenset[Candidate]] = {frozenset()}
     needed, farthest, right, overshot = NONE_NEEDED, 0.0, False, False
@@ -212,7 +212,7 @@ def investigate(
             renamed = question.at(standing.settled, twin.values)
             asked_for.append(Trial(twin.causes, renamed, None, near))
         trying = telling("trying", turn)
-        trials = asking.tried(trying, asked_for, relations, every, accuracy)
+        trials = asking.tried(trying, asked_for, standing.relations, every, accuracy)
         trial = max(trials, key=lambda one: one.log_likelihood)
         won = trial.log_likelihood - trials[0].log_likelihood
         # Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
@@ -227,7 +227,7 @@ def investigate(
             there = quantities.build(aircraft, asked.flown, nearer, acting)
             there = question.with_servos(there).at_delays_of(trial.causes)
             going_on = [Trial(trial.causes, trial.settled, None, None)]
-            further = there.tried(trying, going_on, relations, every, accuracy)[0]
+            further = there.tried(trying, going_on, trial.relations, every, accuracy)[0]
             if further.log_likelihood < trial.log_likelihood:
                 break
             trial, asking, sizes = further, there, nearer
@@ -254,7 +254,7 @@ def investigate(
             standing, question, reached = trial, asking, sizes or reached
         ranked = weighed(standing, needed)
     if roughly and not standing.causes:
-        standing = question.rested(flying, standing, relations)
+        standing = question.rested(flying, standing)
         ranked = weighed(standing, needed)
     information, apart, done = standing.information, standing.apart, standing.each
     listed = question.listed

@@ -44,8 +44,8 @@ REFUTED = 100.0
 than what searches leave undone, all that does without the one before has so much less evidence:
 linear evidence takes one cause for another whose trace at held gains is nearly the same."""
 FIRST_SETS = 2
-"""Times that instruments are used in each of two trials before the one that is far behind is left:
-each takes half a minute."""
+"""Times that instruments are used in a trial before it is seen whether it goes on: each takes half
+a minute."""
 Telling = Callable[[str, int], None]
 """Is told what is being done, and with which flight."""
 UNLISTED = Candidate(
@@ -138,6 +138,11 @@ class Answer:
     def settled(self) -> list[Settled]:
         """Where the flights ended."""
         return [one.settled for one in self.each]
+
+    @property
+    def relations(self) -> list[Relation]:
+        """How errors of all unknowns were taken to move the scores of each flight."""
+        return [one.by for one in self.each]
 
     @property
     def log_likelihood(self) -> float:
@@ -277,6 +282,7 @@ class Question:
         each, listed = [], self.listed.as_accurate(accuracy)
         for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
             begun = [start[number].values - own.mean]
+            again = None if near is None else near.each[number].asked_again(relations[number])
             if moved is not None:
                 foretold = self.listed.in_flight(number, moved)
                 # Where it was before may be nearer than what linear evidence foretells.
@@ -293,7 +299,7 @@ class Question:
                         own.mean + other_names.gathered(causes, place, listed, number)
                         for place in begun
                     ],
-                    asked=None if near is None else near.each[number].asked,
+                    asked=again,
                     sets=sets,
                 )
             )
@@ -309,14 +315,16 @@ class Question:
     ) -> list[Answer]:
         """Flights searched with each of some sets of causes set free.
 
-        One that is far behind after `FIRST_SETS` is left there.
+        One that is far behind after `FIRST_SETS` is left there. One that has not come to rest by
+        then goes on by how errors move the scores where it is: taken from where nothing was set
+        free, steps promised 200 nats for half an hour and gained none.
         """
 
-        def searched(trial: Trial, sets: int) -> Answer:
+        def searched(trial: Trial, by: Sequence[Relation], sets: int) -> Answer:
             names = " and ".join(each.label for each in trial.causes)
             return self.answered(
                 lambda text, number: telling(f"{names}, {text}", number),
-                *(trial.causes, trial.start, relations),
+                *(trial.causes, trial.start, by),
                 causes=wherever(trial.causes, every),
                 accuracy=accuracy,
                 moved=trial.moved,
@@ -324,22 +332,22 @@ class Question:
                 sets=sets,
             )
 
-        if len(trials) == 1:
-            return [searched(trials[0], weighed.SETS)]
-        begun = [searched(trial, FIRST_SETS) for trial in trials]
+        def gone_on(one: Answer) -> Answer:
+            telling("working out how errors show there", len(one.each) - 1)
+            going_on = Trial(one.causes, one.settled, None, one)
+            return searched(going_on, self.relations(one.settled), weighed.SETS)
+
+        begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED
         return [
-            one
-            if one.ended or one.log_likelihood < hopeless
-            else searched(Trial(one.causes, one.settled, None, one), weighed.SETS)
-            for one in begun
+            one if one.ended or one.log_likelihood < hopeless else gone_on(one) for one in begun
         ]
 
-    def rested(self, telling: Telling, found: Answer, relations: Sequence[Relation]) -> Answer:
+    def rested(self, telling: Telling, found: Answer) -> Answer:
         """Flights searched on without any cause, unless all have come to rest."""
         if found.ended:
             return found
-        return self.answered(telling, (), found.settled, relations, near=found)
+        return self.answered(telling, (), found.settled, found.relations, near=found)
 
     def at(self, done: Sequence[Settled], values: Float[np.ndarray, " unknown"]) -> list[Settled]:
         """Where flights were settled, but for the parameters: those of these departures."""

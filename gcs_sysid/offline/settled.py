@@ -343,6 +343,7 @@ def with_terms(
         godambe.widened(found.told, last.told),
         godambe.widened(found.apart, last.apart),
         found.asked,
+        found.by,
         found.doubt,
     )
 

@@ -148,6 +148,14 @@ def test_what_is_known_nearby_serves(by, ended) -> None:
     np.testing.assert_allclose(deviation, posterior(again)[1], rtol=0.15)
 
 
+def test_instruments_serve_again_where_the_same_unknowns_are_asked(by, ended) -> None:
+    assert ended.by is by
+    assert ended.asked_again(by._replace(precision=2.0 * by.precision)) is ended.asked
+    parameters, intensities = by.free
+    assert ended.asked_again(by._replace(free=(~parameters, intensities))) is None
+    assert ended.asked_again(by._replace(free=(parameters, ~intensities))) is None
+
+
 def test_what_another_search_found_does_not_stay_where_it_is_held(by, ended) -> None:
     """A held parameter that comes in off is put back, and the end is the same."""
     flat = np.asarray(ravel_pytree(made.unknowns(1.2).means)[0]).copy()

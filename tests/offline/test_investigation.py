@@ -15,7 +15,7 @@ from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
-from gcs_sysid.estimate.weighed import Weighed
+from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.offline import investigation
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.offline.leads import Lead, RestlessError
@@ -106,7 +106,7 @@ class Restless(Question):
         done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
         information = replace(told({"mass": 0.12}), shared=likelihood)
         (one,) = asked
-        weighed = Mock(spec=Weighed, settled=done)
+        weighed = Mock(spec=Weighed, settled=done, by=Mock(spec=Relation))
         return [Answer(one.causes, [weighed], information, information)]
 
     def missing(self, standing: Answer) -> None:
@@ -165,7 +165,8 @@ def test_when_the_file_is_tried_as_right(
 def test_of_many_causes_the_strongest_is_set_free_first_far_from_rest(left: float) -> None:
     information = told({"mass": 0.3, "cg.x": 0.1, "airspeed": 0.08})
     done = Mock(spec=Settled, log_likelihood=(0.0,), ended=left < 30.0, left=left)
-    standing = Answer((), [Mock(spec=Weighed, settled=done)], information, information)
+    each = [Mock(spec=Weighed, settled=done, by=Mock(spec=Relation))]
+    standing = Answer((), each, information, information)
     best = replace(rank(information, listed(), EVERY)[0], causes=EVERY)
 
     def first(tested: set[frozenset[Candidate]], known: tuple[Candidate, ...] = ()) -> Ranked:

@@ -14,7 +14,7 @@ from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
-from gcs_sysid.estimate.weighed import Weighed
+from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import question, settled
 from gcs_sysid.offline.question import Answer, Question, Trial
@@ -106,7 +106,9 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
         nothing = Mock(spec=Information)
         return Answer(tuple(causes), [Mock(spec=Weighed, settled=at)], nothing, nothing)
 
+    begun, there = [Mock(spec=Relation)], [Mock(spec=Relation)]
     asked = Mock(spec=Question)
+    asked.relations.return_value = there
     asked.answered.side_effect = [
         reached(mass, 0.0, ended=False),
         reached(skew, ahead, ended=False),
@@ -114,8 +116,11 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
         reached(skew, ahead + 10.0, ended=True),
     ]
     trials = [Trial(causes, [], None, None) for causes in (mass, skew)]
-    found = Question.tried(asked, lambda *_: None, trials, [], [*mass, *skew], 1.0)
+    found = Question.tried(asked, lambda *_: None, trials, begun, [*mass, *skew], 1.0)
     assert [call.kwargs["sets"] for call in asked.answered.call_args_list] == sets
     assert found[1].log_likelihood == ahead + 10.0
     assert found[0].log_likelihood == (0.0 if len(sets) == 3 else 10.0)
     assert asked.answered.call_args.kwargs["near"].causes == tuple(skew)
+    # By how errors show where each stood when it went on.
+    given = [call.args[3] for call in asked.answered.call_args_list]
+    assert given == [begun, begun, *[there] * (len(sets) - 2)]
