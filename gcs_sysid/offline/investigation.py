@@ -33,10 +33,19 @@ from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.verdict import INCREDIBLE
 from gcs_sysid.estimate.settling import Settled
+from gcs_sysid.estimate.weighed import SETS
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.leads import RestlessError
-from gcs_sysid.offline.question import REFUTED, UNLISTED, Answer, Asked, Telling, Trial
+from gcs_sysid.offline.question import (
+    FIRST_SETS,
+    REFUTED,
+    UNLISTED,
+    Answer,
+    Asked,
+    Telling,
+    Trial,
+)
 from gcs_sysid.offline.settled import Subject
 from gcs_sysid.reconstruct import causal
 
@@ -185,6 +194,8 @@ def investigate(
     for turn in range(1, ROUNDS + 1):
         listed = question.listed
         best = _strongest_first(standing, ranked[0], listed, needed, tested)
+        # What is only part of the favourite is on the way to it, and not to be searched to the end.
+        sets = SETS if best is ranked[0] else FIRST_SETS
         sizes = _sizes(listed, best, reached, overshot=overshot)
         again = frozenset(best.causes) in tested and sizes is None
         if again:
@@ -212,7 +223,7 @@ def investigate(
             renamed = question.at(standing.settled, twin.values)
             asked_for.append(Trial(twin.causes, renamed, None, near))
         trying = telling("trying", turn)
-        trials = asking.tried(trying, asked_for, standing.relations, every, accuracy)
+        trials = asking.tried(trying, asked_for, standing.relations, every, accuracy, sets)
         trial = max(trials, key=lambda one: one.log_likelihood)
         won = trial.log_likelihood - trials[0].log_likelihood
         # Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
@@ -227,7 +238,8 @@ def investigate(
             there = quantities.build(aircraft, asked.flown, nearer, acting)
             there = question.with_servos(there).at_delays_of(trial.causes)
             going_on = [Trial(trial.causes, trial.settled, None, None)]
-            further = there.tried(trying, going_on, trial.relations, every, accuracy)[0]
+            by = trial.relations
+            further = there.tried(trying, going_on, by, every, accuracy, sets)[0]
             if further.log_likelihood < trial.log_likelihood:
                 break
             trial, asking, sizes = further, there, nearer

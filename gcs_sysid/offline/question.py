@@ -312,15 +312,24 @@ class Question:
         relations: Sequence[Relation],
         every: Sequence[Candidate],
         accuracy: float,
+        sets: int,
     ) -> list[Answer]:
         """Flights searched with each of some sets of causes set free.
 
         One that is far behind after `FIRST_SETS` is left there. One that has not come to rest by
         then goes on by how errors move the scores where it is: taken from where nothing was set
         free, steps promised 200 nats for half an hour and gained none.
+
+        Args:
+            telling: told about every step.
+            trials: what is set free.
+            relations: how errors show in each flight where nothing was tried yet.
+            every: all causes.
+            accuracy: of the file's aerodynamics, in its sigmas.
+            sets: times that instruments are used at most in one that goes on.
         """
 
-        def searched(trial: Trial, by: Sequence[Relation], sets: int) -> Answer:
+        def searched(trial: Trial, by: Sequence[Relation], most: int) -> Answer:
             names = " and ".join(each.label for each in trial.causes)
             return self.answered(
                 lambda text, number: telling(f"{names}, {text}", number),
@@ -329,13 +338,13 @@ class Question:
                 accuracy=accuracy,
                 moved=trial.moved,
                 near=trial.near,
-                sets=sets,
+                sets=most,
             )
 
         def gone_on(one: Answer) -> Answer:
             telling("working out how errors show there", len(one.each) - 1)
             going_on = Trial(one.causes, one.settled, None, one)
-            return searched(going_on, self.relations(one.settled), weighed.SETS)
+            return searched(going_on, self.relations(one.settled), sets)
 
         begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED

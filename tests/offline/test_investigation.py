@@ -98,7 +98,7 @@ class Restless(Question):
         super().__init__()
         self.ends, self.accuracies = list(ends), list[float]()
 
-    def tried(self, _telling, asked, _relations, _every, accuracy: float) -> list[Answer]:
+    def tried(self, _telling, asked, _relations, _every, accuracy, _sets) -> list[Answer]:
         if not self.ends:
             raise KeyboardInterrupt
         likelihood, left = self.ends.pop(0)
@@ -255,9 +255,9 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     class Named(Restless):
         """One end for each that is tried."""
 
-        def tried(self, telling, asked, relations, every, accuracy: float) -> list[Answer]:
+        def tried(self, telling, asked, relations, every, accuracy, sets) -> list[Answer]:
             one = super().tried
-            return [one(telling, [each], relations, every, accuracy)[0] for each in asked]
+            return [one(telling, [each], relations, every, accuracy, sets)[0] for each in asked]
 
     question = Named((5.0, 2.0), (0.0, 2.0), (3400.0, 2.0))
     nearer = iter(({"lag.elevator": 0.15}, None))

@@ -116,7 +116,7 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
         reached(skew, ahead + 10.0, ended=True),
     ]
     trials = [Trial(causes, [], None, None) for causes in (mass, skew)]
-    found = Question.tried(asked, lambda *_: None, trials, begun, [*mass, *skew], 1.0)
+    found = Question.tried(asked, lambda *_: None, trials, begun, [*mass, *skew], 1.0, 6)
     assert [call.kwargs["sets"] for call in asked.answered.call_args_list] == sets
     assert found[1].log_likelihood == ahead + 10.0
     assert found[0].log_likelihood == (0.0 if len(sets) == 3 else 10.0)
