@@ -374,8 +374,8 @@ def tube_lag(aircraft: Aircraft, errors: Sensors) -> Float[Array, ""]:
     """Lag T of `State.tube` [s], that of the tube where it has one.
 
     Of a tube with a lag τ, V + τ/T · (tube − V) is shown, which is exact where T = τ, as from
-    `LEAST_TUBE` on. Where there is no lag, T says how what a first one does is told: as that of one
-    of `TUBE` does it, since a shorter one sees more of a gust than any airspeed is told of.
+    `LEAST_TUBE` on. Without a lag nothing is shown of the state, but by its T it is foretold what a
+    lag would do: that of `TUBE` what one of its size does, a shorter one more of quick gusts.
     """
     lag = own_lag(aircraft, errors)
     return jnp.maximum(lag, jnp.maximum(TUBE - FALLING * lag, LEAST_TUBE))

@@ -10,7 +10,7 @@ else put right: a thrust of 0.7 is 0.752 of one whose aircraft's mass is 7.4 % s
 derivative of 0.7 is 0.652 where the inertia is.
 
 Four minutes of flight A, maneuvers of all kinds at 16 and 20 m/s. Some minutes a fault; what was
-diagnosed before is kept in `--out`.
+diagnosed before is kept in `--out`, and with `--save` rows of faults that are not asked for stay.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ from tests.benchmarks.arduplane import EAS2TAS, FOLDER  # noqa: E402 - found fro
 
 FROM, TO = 135.0, 366.0
 """What is kept of flight A [s since the autopilot's start]."""
+KEPT = table.KEPT / "arduplane_faults.json"
+"""What was measured before."""
 OWN = ("pitot_lag", "airspeed_scale", "mass", "inertia", "surface_offset")
 """What the simulation departs in from its file without any fault (`arduplane.py`)."""
 Message = Any
@@ -222,6 +224,11 @@ def main() -> None:
     parser.add_argument("--save", action="store_true")
     asked = parser.parse_args()
     rows = [row(name, diagnosed(name, asked.out / name)) for name in asked.faults]
+    if asked.save and KEPT.exists():
+        told = {one[0] for one in rows}
+        kept = json.loads(KEPT.read_text(encoding="utf-8"))["rows"]
+        rows += [tuple(one) for one in kept if one[0] not in told]
+        rows.sort(key=lambda one: list(FAULTS).index(one[0].split()[0]))
     table.show(
         "arduplane_faults",
         "Four minutes of ArduPlane's own simulation with one fault more: what is named",
