@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -157,13 +159,24 @@ CASES = {
 }
 
 
+def test_what_comes_and_goes_is_told_at_its_size(flown) -> None:
+    """Of a Markov error of known time, σ² = Σ (x(k) − a x(k−1))² / (n (1 − a²)): here 0.96 m/s."""
+    wave = 1.5 * COMES_AND_GOES
+    kept = math.exp(-made.STEP / aided.AIRSPEED_TIME)
+    size = math.sqrt(np.mean((wave[1:] - kept * wave[:-1]) ** 2) / (1.0 - kept**2))
+    measured = CASES["comes and goes"][0](flown.rows.measured)
+    found = aided_compatibility.check(
+        fitted(replace(flown, rows=flown.rows._replace(measured=measured))), described()
+    )
+    told = re.search(r"lasting error \+([\d.]+) ± ([\d.]+) m/s", found.channels["airspeed"].verdict)
+    assert told is not None
+    value, deviation = map(float, told.groups())
+    assert abs(value - size) < 2.0 * deviation < 0.3 * size
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_a_sensor_that_is_wrong_is_flagged_by_its_channel(flown, case) -> None:
-    """Also where the filter takes it all for noise, so that innovations are as it expects.
-
-    What leaps between ±1.5 m/s every second and a half is no Gauss-Markov error, so that a size of
-    it is not asked for.
-    """
+    """Also where the filter takes it all for noise, so that innovations are as it expects."""
     wrong, name, words = CASES[case]
     measured = wrong(flown.rows.measured)
     found = aided_compatibility.check(

@@ -76,7 +76,7 @@ def test_a_lag_is_a_first_order_lag():
     rising = [dataclasses.replace(FLYING, u_air=speed, V=speed) for speed in speeds]
     found = [lagging.measure(state).indicated_airspeed for state in rising]
     assert found[-1] == pytest.approx(speeds[-1] - 2.0 * 0.1, abs=1e-6)
-    # From the middle of the step in which it rose, but for a third order in it.
+    # From the middle of the step in which it rose, but for a second order in it.
     lagging = sensors(examples.plain({}, pitot=Pitot(error=SensorError(lag=0.1))))
     lagging.measure(FLYING)
     faster = dataclasses.replace(FLYING, u_air=30.0, V=30.0)
