@@ -26,9 +26,10 @@ from jaxtyping import Bool, Float
 from gcs_sysid import parallel
 from gcs_sysid.estimate import quasi_newton
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model import aided, aided_linear, aided_step
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.aided_step import Half
 from gcs_sysid.model.air import Turbulence
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
@@ -172,13 +173,13 @@ class Still(NamedTuple):
         slow: nominal air and slow errors that a step begins with, as an error state.
     """
 
-    mechanics: Float[Array, "*sample state state"]
+    mechanics: Float[Array, "*sample moving state"]
     slow: Float[Array, "*sample state"]
 
 
 def lined(model: FlightModel, means: Means, path: Path, log_noise: Noise) -> Lined:
     """A flight linearised about a path."""
-    rows = causal.joined(model, means, log_noise, path)
+    rows = list(causal.joined(model, means, log_noise, path))
     still = parallel.each(
         lambda chunk, last: jax.block_until_ready(
             Still(aided_smoother.mechanics(model, means, chunk), _slow(chunk, last))
@@ -309,11 +310,11 @@ def _every(log_noise: Noise, chunk: Chunk, still: Still) -> _Covered:
     driven = _driven(log_noise)
 
     def one(row: Row, still: Still) -> _Covered:
-        half = aided_linear.half_transition(still.mechanics, driven.decay, row)
+        half = aided_step.half(still.mechanics, driven.decay, row)
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
         return _Covered(
-            half @ half,
-            aided_linear.process(half, row, noise),
+            aided_step.whole(half),
+            aided_step.process(half, row, noise),
             jnp.where(aided_linear.present_rows(row), driven.variance, 1.0),
         )
 
@@ -340,8 +341,9 @@ def _pulled_back(log_noise: Noise, chunk: Chunk, still: Still, slope: Linearised
     slow = slice(aided.MOVING, aided.SIZE)
 
     def one(row: Row, still: Still, by: Linearised) -> tuple[Array, Array, Array]:
-        passed = aided_linear.passing(row)[:, None]
-        rates = 0.5 * row.step * still.mechanics.at[slow, slow].set(passed[slow] * driven.decay)
+        passed = aided_step.passing(row)[:, None]
+        decaying = jnp.pad(passed[slow] * driven.decay, ((0, 0), (aided.MOVING, 0)))
+        rates = 0.5 * row.step * jnp.concatenate([still.mechanics, decaying])
         inmost = unit + rates / 4.0
         inner = unit + rates @ inmost / 3.0
         outer = unit + rates @ inner / 2.0
@@ -420,10 +422,10 @@ def _touched(log_noise: Noise) -> tuple[Bool[Array, " intensity"], Bool[Array, "
 
 
 @jax.jit
-def halves(log_noise: Noise, chunk: Chunk, still: Still) -> Float[Array, "sample state state"]:
+def halves(log_noise: Noise, chunk: Chunk, still: Still) -> Half:
     """Transitions over half of each step."""
     decay = _driven(log_noise).decay
-    half = jax.vmap(aided_linear.half_transition, in_axes=(0, None, 0))
+    half = jax.vmap(aided_step.half, in_axes=(0, None, 0))
     return half(still.mechanics, decay, chunk.row)
 
 
@@ -433,7 +435,7 @@ def nearby(
     chunk: Chunk,
     rows: Linearised,
     still: Still,
-    half: Float[Array, "sample state state"],
+    half: Half,
 ) -> Linearised:
     """`at`, where what the rows have been made with differs in an intensity of that reach only.
 
@@ -454,14 +456,12 @@ def _variance(log_noise: Noise, chunk: Chunk) -> Float[Array, "sample row"]:
 
 
 @jax.jit
-def _process(
-    log_noise: Noise, chunk: Chunk, half: Float[Array, "sample state state"]
-) -> Float[Array, "sample state state"]:
+def _process(log_noise: Noise, chunk: Chunk, half: Half) -> Float[Array, "sample state state"]:
     driven = _driven(log_noise)
 
-    def one(row: Row, half: Array) -> Array:
+    def one(row: Row, half: Half) -> Array:
         noise = jnp.where(row.modelled, driven.driving, driven.doubted)
-        return aided_linear.process(half, row, noise)
+        return aided_step.process(half, row, noise)
 
     return jax.vmap(one)(chunk.row, half)
 

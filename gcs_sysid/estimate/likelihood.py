@@ -31,6 +31,7 @@ from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Means, Noise, State
 from gcs_sysid.model.aided_linear import Linearised
+from gcs_sysid.model.aided_step import Half
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_smoother import Chunk
@@ -375,7 +376,7 @@ class _Asked:
         chunk: Chunk,
         rows: Linearised,
         still: intensities.Still,
-        half: Float[Array, "sample state state"],
+        half: Half,
         leap: Float[Array, "sample state"],
         follows: Moving,
     ) -> Linearised:

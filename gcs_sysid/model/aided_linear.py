@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.frames import Array
-from gcs_sysid.model import air, departures
+from gcs_sysid.model import aided_step, air, departures
 from gcs_sysid.model.aided import (
     AIRSPEED_TIME,
     BLOCKS,
@@ -84,33 +84,6 @@ def measurement_variance(noise: Noise) -> Float[Array, " row"]:
     return (deviation**2).at[ROWS["attitude"]].add(ATTITUDE_FLOOR**2)
 
 
-def process(
-    half: Float[Array, "state state"],
-    row: Row,
-    driving: Float[Array, "state state"],
-) -> Float[Array, "state state"]:
-    """Covariance that a step's white noise leaves at its end, ∫ Φ(s) D Φ(s)ᵀ ds by Simpson's rule.
-
-    A gust that arrives early in the step has moved the aircraft by its end, one that arrives late
-    has not: taken as arriving together they would tell the filter what no sensor can know.
-
-    Args:
-        half: transition over half the step.
-        row: of the step.
-        driving: D at `passing` 1.
-    """
-    late = passing(row)[:, None] * driving
-    middle = half @ late @ half.T
-    early = half @ middle @ half.T
-    return row.step / 6.0 * (late + 4.0 * middle + early)
-
-
-def passing(row: Row) -> Float[Array, " state"]:
-    """How fast what changes by itself does so: gusts as they are passed [m/s], all else at 1."""
-    blown = slice(BLOCKS["gust"].start, BLOCKS["memory"].stop)
-    return jnp.ones(SIZE).at[blown].set(row.passing)
-
-
 def driving(noise: Noise) -> Float[Array, "state state"]:
     """Spectral density D of the white noise that drives the states, where `passing` is 1."""
     shape = noise_shape(noise.turbulence)
@@ -154,11 +127,11 @@ def process_density(noise: Noise) -> Float[Array, " state"]:
 
 def jacobian(
     aircraft: Aircraft, means: Means, state: State, row: Row, when: Int[Array, ""] | int
-) -> Float[Array, "state state"]:
-    """Rate of change of an error state with the error state, but for what decays by itself.
+) -> Float[Array, "moving state"]:
+    """Rate of change of the motion's errors with the error state, but for what decays by itself.
 
-    Wind and gust act through the velocity through the air only, so that their columns come from
-    those of the velocity over ground.
+    Rows of the motion: nothing moves the others. Wind and gust act through the velocity through the
+    air only, so that their columns come from those of the velocity over ground.
     """
     parts = ("attitude", "velocity", "rate", "spin")
 
@@ -175,9 +148,9 @@ def jacobian(
     columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
     columns["gust"] = -columns["velocity"]
     columns["wind"] = columns["gust"] @ _grown(means, state, row)
-    matrix = jnp.zeros((SIZE, SIZE))
+    matrix = jnp.zeros((MOVING, SIZE))
     for name, column in columns.items():
-        matrix = matrix.at[:MOVING, BLOCKS[name]].set(column)
+        matrix = matrix.at[:, BLOCKS[name]].set(column)
     turning = jax.vmap(lambda axis: frames.cross(rate, axis), out_axes=1)(jnp.eye(3))
     matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
@@ -192,27 +165,6 @@ def _grown(means: Means, state: State, row: Row) -> Float[Array, "axis axis"]:
     if by is None:
         return jnp.eye(3)
     return jax.jacfwd(lambda wind: departures.sheared(wind, by, row.climbed))(state.air.wind)
-
-
-def half_transition(
-    mechanics: Float[Array, "state state"],
-    decay: Float[Array, "slow slow"],
-    row: Row,
-) -> Float[Array, "state state"]:
-    """Transition over half a step: the exponential's series to the order of the scheme.
-
-    Args:
-        mechanics: the Jacobian in the middle of the step.
-        decay: how what is not motion changes by itself, where `passing` is 1.
-        row: of the step.
-    """
-    unit = jnp.eye(SIZE)
-    slow = passing(row)[MOVING:, None] * decay
-    rates = 0.5 * row.step * mechanics.at[MOVING:, MOVING:].set(slow)
-    half = unit + rates / 4.0
-    for order in (3.0, 2.0, 1.0):
-        half = unit + rates @ half / order
-    return half
 
 
 def decay(noise: Noise) -> Float[Array, "slow slow"]:
@@ -262,8 +214,8 @@ def _seen(
 
 def mechanics(
     aircraft: Aircraft, means: Means, before: State, after: State, row: Row
-) -> Float[Array, "state state"]:
-    """The Jacobian in the middle of a step, but for what decays by itself."""
+) -> Float[Array, "moving state"]:
+    """The motion's Jacobian in the middle of a step, but for what decays by itself."""
     return jacobian(aircraft, means, compose(before, 0.5 * difference(after, before)), row, 1)
 
 
@@ -274,7 +226,7 @@ def linearise(
     before: State,
     after: State,
     row: Row,
-    inner: Float[Array, "state state"],
+    inner: Float[Array, "moving state"],
 ) -> Linearised:
     """One row about a nominal flight.
 
@@ -287,16 +239,16 @@ def linearise(
         row: the sample.
         inner: `mechanics` of the step.
     """
-    half = half_transition(inner, decay(noise), row)
+    half = aided_step.half(inner, decay(noise), row)
     # Both of all rows alike: where many rows are linearised at once they are worked out once.
     believed, not_believed = (driving(doubted(noise, jnp.asarray(flag))) for flag in (True, False))
     moved = advance(aircraft, means, noise, before, row)
     sensitivity, residual = _seen(aircraft, means, after, row)
     present = present_rows(row)
     return Linearised(
-        transition=half @ half,
+        transition=aided_step.whole(half),
         offset=difference(moved, after),
-        process=process(half, row, jnp.where(row.modelled, believed, not_believed)),
+        process=aided_step.process(half, row, jnp.where(row.modelled, believed, not_believed)),
         sensitivity=jnp.where(present[:, None], sensitivity, 0.0),
         residual=jnp.where(present, residual, 0.0),
         variance=jnp.where(present, measurement_variance(noise), 1.0),

@@ -69,8 +69,10 @@ def positive(log_noise: Noise) -> Noise:
 
 
 @jax.jit
-def mechanics(model: FlightModel, means: Means, chunk: Chunk) -> Float[Array, "sample state state"]:
-    """The Jacobian in the middle of every step, but for what decays by itself.
+def mechanics(
+    model: FlightModel, means: Means, chunk: Chunk
+) -> Float[Array, "sample moving state"]:
+    """The motion's Jacobian in the middle of every step, but for what decays by itself.
 
     A program of its own: what needs it is compiled without it.
     """
@@ -92,7 +94,7 @@ def _about(
     means: Means,
     log_noise: Noise,
     chunk: Chunk,
-    inner: Float[Array, "sample state state"],
+    inner: Float[Array, "sample moving state"],
 ) -> Linearised:
     noise = positive(log_noise)
 

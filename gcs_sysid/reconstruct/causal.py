@@ -17,7 +17,7 @@ new one, so that a search needs one pass a step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ from jaxtyping import Bool, Float, Int
 
 from gcs_sysid import parallel, regressors
 from gcs_sysid.frames import Array
-from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model import aided, aided_linear, aided_step
 from gcs_sysid.model.aided import Means, Noise, Row, State
 from gcs_sysid.model.aided_linear import Linearised
 from gcs_sysid.model.flight_model import FlightModel
@@ -115,14 +115,21 @@ def along(rows: Row, nominal: State, beginning: Beginning) -> Path:
     return Path(chunks, aided_smoother.belief(beginning, chunks))
 
 
-def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> list[Linearised]:
-    """Every row about a path, the deviation handed on where the path leaps at a measurement."""
+def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> Iterator[Linearised]:
+    """Every row about a path, chunk by chunk as they are asked for."""
 
     def one(chunk: Chunk, last: State | None) -> Linearised:
-        rows = aided_smoother.linearised(model, means, log_noise, chunk)
-        return jax.block_until_ready(rows._replace(offset=_handed_on(rows, chunk, last)))
+        return jax.block_until_ready(_joined(model, means, log_noise, chunk, last))
 
-    return parallel.each(one, path.chunks, last_ends(path))
+    return parallel.ahead(one, path.chunks, last_ends(path))
+
+
+def _joined(
+    model: FlightModel, means: Means, log_noise: Noise, chunk: Chunk, last: State | None
+) -> Linearised:
+    """The rows of a chunk, the deviation handed on where the path leaps at a measurement."""
+    rows = aided_smoother.linearised(model, means, log_noise, chunk)
+    return rows._replace(offset=_handed_on(rows, chunk, last))
 
 
 def last_ends(path: Path) -> list[State | None]:
@@ -131,17 +138,21 @@ def last_ends(path: Path) -> list[State | None]:
 
 
 def filtered(
-    path: Path, rows: Sequence[Linearised]
-) -> tuple[Path, list[Belief], list[linear_filter.Filtered]]:
-    """The filter over a path: the path of its predictions, beliefs before each chunk, steps."""
-    begun, steps, chunks = [path.start], [], []
+    path: Path, rows: Iterable[Linearised]
+) -> tuple[Path, Belief, list[linear_filter.Filtered]]:
+    """The filter over a path: the path of its predictions, what is believed at its end, steps."""
+    belief, steps, chunks = path.start, [], []
     for chunk, last, piece in zip(path.chunks, last_ends(path), rows, strict=True):
-        end, done = linear_filter.run(begun[-1], piece)
-        chunks.append(_predicted(chunk, last, begun[-1], done))
-        begun.append(end)
+        end, done = linear_filter.innovations(belief, piece)
+        chunks.append(_predicted(chunk, last, belief, done))
+        belief = end
         steps.append(done)
-    start = path.start._replace(mean=jnp.zeros_like(path.start.mean))
-    return Path(chunks, start), begun, steps
+    return _ahead(path, chunks), belief, steps
+
+
+def _ahead(path: Path, chunks: list[Chunk]) -> Path:
+    """The path of a filter's predictions over another."""
+    return Path(chunks, path.start._replace(mean=jnp.zeros_like(path.start.mean)))
 
 
 def passed(
@@ -167,8 +178,6 @@ def passed(
         more: terms to tell of as well.
         skipped: rows at the beginning that neither `told` nor `apart` is made of.
     """
-    rows = joined(model, means, log_noise, path)
-    ahead, _, steps = filtered(path, rows)
     every = ravel_pytree(means)[0].size
     asked = np.arange(every) if chosen is None else np.flatnonzero(chosen)
     size = asked.size
@@ -177,15 +186,23 @@ def passed(
     sensitivity = jnp.zeros((aided.SIZE, size))
     told, apart = _nothing(size), _nothing(size)
     first, blocks, places = 0, [], jnp.asarray(asked)
+    belief, chunks, density, whitened = path.start, list[Chunk](), [], []
 
-    def changed(chunk: Chunk, piece: Linearised) -> tuple[Array, Array]:
+    def changed(chunk: Chunk, last: State | None) -> tuple[Linearised, Array, Array]:
+        piece = _joined(model, means, log_noise, chunk, last)
         both = sensitivities(model, means, log_noise, chunk, piece, places)
         if more is not None:
             both = _with_more(model, more, means, chunk, *both)
-        return jax.block_until_ready(both)
+        return jax.block_until_ready((piece, *both))
 
-    changes = parallel.ahead(changed, path.chunks, rows)
-    for piece, done, (motion, seen) in zip(rows, steps, changes, strict=True):
+    lasts = last_ends(path)
+    changes = parallel.ahead(changed, path.chunks, lasts)
+    for chunk, last, (piece, motion, seen) in zip(path.chunks, lasts, changes, strict=True):
+        end, done = linear_filter.innovations(belief, piece)
+        chunks.append(_predicted(chunk, last, belief, done))
+        belief = end
+        density.append(done.log_likelihood)
+        whitened.append(done.whitened)
         count = piece.offset.shape[0]
         wanted = np.zeros(count, dtype=bool)
         part = counts[first : first + count]
@@ -202,18 +219,18 @@ def passed(
         told = _sum(told, mine, float(present[wanted].sum()))
         apart = _sum(apart, beside, float(present[others].sum()))
         first += count
-    scores, end = np.concatenate(blocks), np.asarray(sensitivity)
+    scores, moved = np.concatenate(blocks), np.asarray(sensitivity)
     if chosen is not None:
         told, apart = _placed(told, asked, every), _placed(apart, asked, every)
-        scores, end = _columns(scores, asked, every), _columns(end, asked, every)
+        scores, moved = _columns(scores, asked, every), _columns(moved, asked, every)
     return Pass(
         told,
         apart,
-        ahead,
+        _ahead(path, chunks),
         scores,
-        np.concatenate([done.log_likelihood for done in steps]),
-        np.concatenate([done.whitened for done in steps]),
-        end,
+        np.concatenate(density),
+        np.concatenate(whitened),
+        moved,
     )
 
 
@@ -318,13 +335,13 @@ def _sensitive(
     log_noise: Noise,
     chunk: Chunk,
     rows: Linearised,
-    inner: Float[Array, "sample state state"],
+    inner: Float[Array, "sample moving state"],
     asked: Int[Array, " asked"],
 ) -> tuple[Array, Array]:
     flat, unravel = ravel_pytree(means)
     decay = aided_linear.decay(aided_smoother.positive(log_noise))
 
-    def one(part: Chunk, transition: Array, inner: Array) -> tuple[Array, Array]:
+    def one(part: Chunk, whole: Array, inner: Array) -> tuple[Array, Array]:
         middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
 
         def with_(values: Float[Array, " asked"]) -> Means:
@@ -338,8 +355,8 @@ def _sensitive(
 
         moving = slice(0, aided.MOVING)  # nothing else is moved by a parameter
         added = jax.jacfwd(ahead)(flat[asked])[moving]
-        half = aided_linear.half_transition(inner, decay, part.row)
-        weight = 4.0 * half[moving, moving] + transition[moving, moving]
+        half = aided_step.half(inner, decay, part.row)
+        weight = 4.0 * half.motion[:, moving] + whole[moving, moving]
         carried = (added + weight @ added) / 6.0
         rest = ((0, aided.SIZE - aided.MOVING), (0, 0))
         return jnp.pad(carried, rest), jax.jacfwd(seen)(flat[asked])

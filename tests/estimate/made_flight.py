@@ -18,7 +18,7 @@ from gcs_sysid import frames
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Control, Geometry, Mass, Servo, Value
 from gcs_sysid.estimate import intensities, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
-from gcs_sysid.model import aided, aided_linear, rigid_body
+from gcs_sysid.model import aided, aided_linear, aided_step, rigid_body
 from gcs_sysid.model.aided import Means, Noise, Row, Sensors, State
 from gcs_sysid.model.air import Air, Turbulence
 from gcs_sysid.model.flight_model import FlightModel
@@ -182,8 +182,8 @@ def _flown(
         row, white = item
         moved = aided.advance(AIRCRAFT, means, noise, now, row)
         mechanics = aided_linear.jacobian(AIRCRAFT, means, now, row, 1)
-        half = aided_linear.half_transition(mechanics, aided_linear.decay(noise), row)
-        spread = aided_linear.process(half, row, aided_linear.driving(noise))
+        half = aided_step.half(mechanics, aided_linear.decay(noise), row)
+        spread = aided_step.process(half, row, aided_linear.driving(noise))
         size = jnp.sqrt(jnp.diagonal(spread)) + 1e-10
         root = size[:, None] * jnp.linalg.cholesky(
             spread / jnp.outer(size, size) + 1e-9 * jnp.eye(aided.SIZE)

@@ -11,8 +11,9 @@ import pytest
 import scipy.linalg
 
 from gcs_sysid import frames
-from gcs_sysid.model import aided, aided_linear, rigid_body
+from gcs_sysid.model import aided, aided_linear, aided_step, rigid_body
 from gcs_sysid.model.aided import BLOCKS, ROWS, Means, Row, State
+from gcs_sysid.model.aided_step import Half, Own
 from gcs_sysid.model.air import Air
 from tests.model.made_aided import FLYING, NOISE, SPEED, STONE, means, row, state
 
@@ -201,7 +202,10 @@ def test_noise_of_a_step_is_that_of_the_exponential() -> None:
     both = scipy.linalg.expm(block * length)
     transition = both[size:, size:].T
     half = scipy.linalg.expm(0.5 * length * rates)
-    found = aided_linear.process(jnp.asarray(half), row(length), aided_linear.driving(NOISE))
+    slow, blown = half[aided.MOVING :, aided.MOVING :], aided_step.BLOWN
+    own = Own(slow[blown, blown], aided_step.UNIT.alone * slow.diagonal())
+    parts = Half(half[: aided.MOVING], own)
+    found = aided_step.process(parts, row(length), aided_linear.driving(NOISE))
     exact = transition @ both[:size, size:]
     noisy = np.diagonal(exact) > 0.0  # all but the gusts' memory
     scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))[np.ix_(noisy, noisy)]
@@ -226,10 +230,10 @@ def test_an_error_that_lasts_is_as_large_as_stated_and_lasts_as_long(
         velocity_error_time=NOISE.velocity_error_time,
     )
     error, step = BLOCKS[name].start, 0.02
-    mechanics = jnp.zeros((aided.SIZE, aided.SIZE))
-    half = aided_linear.half_transition(mechanics, aided_linear.decay(quiet), row(step))
-    added = aided_linear.process(half, row(step), aided_linear.driving(quiet))[error, error]
-    kept = float((half @ half)[error, error])
+    mechanics = jnp.zeros((aided.MOVING, aided.SIZE))
+    half = aided_step.half(mechanics, aided_linear.decay(quiet), row(step))
+    added = aided_step.process(half, row(step), aided_linear.driving(quiet))[error, error]
+    kept = float(aided_step.whole(half)[error, error])
     assert np.sqrt(float(added) / (1.0 - kept**2)) == pytest.approx(size, rel=1e-6)
     assert kept == pytest.approx(np.exp(-step / time), rel=1e-4)
 

@@ -216,7 +216,7 @@ def test_the_last_state_moves_with_a_parameter_as_two_filters_differ(flown) -> N
     for step in (1e-4, -1e-4):
         means = unravel(flat.at[place].add(step))
         linear = causal.joined(made.MODEL, means, TRUE.log_noise, path)
-        ends.append(np.asarray(causal.filtered(path, linear)[1][-1].mean))
+        ends.append(np.asarray(causal.filtered(path, linear)[1].mean))
     differs = (ends[0] - ends[1]) / 2e-4
     wind = aided.BLOCKS["wind"]
     assert np.abs(moved[wind, place]).max() > 0.5

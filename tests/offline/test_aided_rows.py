@@ -15,7 +15,7 @@ from gcs_sysid.aircraft import Aircraft, Imu, Pitot, SensorError, StreamTiming, 
 from gcs_sysid.estimate import inside_filter, plausible
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.result import Prior
-from gcs_sysid.model import aided, aided_linear
+from gcs_sysid.model import aided, aided_linear, aided_step
 from gcs_sysid.model.aided import Row, State
 from gcs_sysid.model.kinematics import SIZE, Measurements
 from gcs_sysid.offline import aided_flight, modes
@@ -209,8 +209,8 @@ def test_the_transition_over_a_hole_is_that_of_the_flight_through_it() -> None:
             sample = row(0.0)._replace(step=length)
             after = aided.advance(FLYING, known, NOISE, now, sample)
             inner = aided_linear.mechanics(FLYING, known, now, after, sample)
-            half = aided_linear.half_transition(inner, aided_linear.decay(NOISE), sample)
-            return (after, half @ half @ whole), None
+            half = aided_step.half(inner, aided_linear.decay(NOISE), sample)
+            return (after, aided_step.whole(half) @ whole), None
 
         return jax.lax.scan(move, (before, jnp.eye(aided.SIZE)), steps)[0]
 

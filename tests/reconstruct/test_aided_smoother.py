@@ -16,7 +16,6 @@ from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import State
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
-from gcs_sysid.reconstruct.linear_filter import Belief
 from tests.estimate import made_flight as made
 
 KNOWN = made.unknowns(1.0)
@@ -71,11 +70,11 @@ def filtered(flight: Flight) -> tuple[Against, np.ndarray]:
     """And the variances of the smoother about the filter's own path."""
     path = causal.along(flight.rows, flight.nominal, flight.beginning)
     for _ in range(4):
-        rows = causal.joined(made.MODEL, *KNOWN, path)
-        about, (path, _, steps) = path, causal.filtered(path, rows)
-    (chunk,), (done,) = about.chunks, steps
-    end = Belief(done.updated.mean[-1], done.updated.covariance[-1])
-    _, later = linear_filter.smooth(end, about.start, rows[0], done)
+        [rows] = causal.joined(made.MODEL, *KNOWN, path)
+        about, (path, _, _) = path, causal.filtered(path, [rows])
+    [chunk] = about.chunks
+    end, done = linear_filter.run(about.start, rows)
+    _, later = linear_filter.smooth(end, about.start, rows, done)
     found = against(
         flight.nominal, causal.moved(chunk.after, done.updated.mean), done.updated.covariance
     )

@@ -98,8 +98,8 @@ def test_row_by_row_on_filterpy_it_is_the_same_filter(*, own_rates: bool) -> Non
     flight = made.made_flight(own_rates=own_rates)
     known = made.unknowns(1.0)
     path = settled(flight, known.means, rounds=12)
-    rows = causal.joined(made.MODEL, known.means, known.log_noise, path)
-    _, _, steps = causal.filtered(path, rows)
+    [rows] = causal.joined(made.MODEL, known.means, known.log_noise, path)
+    _, done = linear_filter.run(path.start, rows)
     live = started(flight, known.means)
     with pytest.raises(ValueError, match="no row was predicted"):
         live.observe()
@@ -114,10 +114,10 @@ def test_row_by_row_on_filterpy_it_is_the_same_filter(*, own_rates: bool) -> Non
     found = jax.tree.map(lambda *parts: jnp.stack(parts), *predicted)
     off = jax.vmap(aided.difference)(found, path.chunks[0].after)
     assert float(jnp.max(jnp.abs(off))) < 1e-9
-    whitened = np.einsum("kij,kj->ki", steps[0].root, innovations)
-    np.testing.assert_allclose(whitened, steps[0].whitened, rtol=0, atol=1e-7)
+    whitened = np.einsum("kij,kj->ki", done.root, innovations)
+    np.testing.assert_allclose(whitened, done.whitened, rtol=0, atol=1e-7)
     other, unit = np.stack(spreads), units(np.stack(spreads))
-    np.testing.assert_allclose(steps[0].updated.covariance / unit, other / unit, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(done.updated.covariance / unit, other / unit, rtol=0, atol=1e-9)
     # Of MEMORY rows with six to twelve measurements: to 0.06, one deviation.
     assert not live.lost
     assert excess[-1] == pytest.approx(1.0, abs=0.25)
@@ -240,14 +240,14 @@ def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(*, own_rat
     flight, like = made.made_flight(own_rates=own_rates), made.unknowns(1.0)
     path = settled(flight, like.means)
     flat, unravel = ravel_pytree(like.means)
-    rows = causal.joined(made.MODEL, like.means, like.log_noise, path)
+    [rows] = causal.joined(made.MODEL, like.means, like.log_noise, path)
     bare = aided_smoother.linearised(made.MODEL, like.means, like.log_noise, path.chunks[0])
     done = passed(path, like.means)
     every = jnp.arange(flat.size)
-    _, steps = linear_filter.run(path.start, rows[0])
-    told = causal.sensitivities(made.MODEL, *like, path.chunks[0], rows[0], every)
+    _, steps = linear_filter.run(path.start, rows)
+    told = causal.sensitivities(made.MODEL, *like, path.chunks[0], rows, every)
     begin = jnp.zeros((aided.SIZE, flat.size))
-    white = np.asarray(causal.followed(begin, rows[0], steps, *told)[2])
+    white = np.asarray(causal.followed(begin, rows, steps, *told)[2])
     for index in range(9):
         size = 1e-5 * max(abs(float(flat[index])), 0.1)
         whitened = []
@@ -255,8 +255,8 @@ def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(*, own_rat
             means = unravel(flat.at[index].add(sign * size))
             moved = aided_smoother.linearised(made.MODEL, means, like.log_noise, path.chunks[0])
             # The leaps are handed on as they are: at a settled path they meet what they undo.
-            held = rows[0]._replace(
-                offset=rows[0].offset + moved.offset - bare.offset, residual=moved.residual
+            held = rows._replace(
+                offset=rows.offset + moved.offset - bare.offset, residual=moved.residual
             )
             _, step = linear_filter.run(path.start, held)
             whitened.append(np.asarray(step.whitened))
@@ -331,8 +331,8 @@ def test_the_slope_of_intensities_is_that_of_the_likelihood(flight) -> None:
     density, slope, _ = intensities._slope(like.log_noise, about)
 
     def likelihood(values: np.ndarray) -> float:
-        moved = causal.joined(made.MODEL, like.means, unravel(values), path)
-        return float(linear_filter.likelihood(path.start, moved[0])[1])
+        [moved] = causal.joined(made.MODEL, like.means, unravel(values), path)
+        return float(linear_filter.likelihood(path.start, moved)[1])
 
     assert density == pytest.approx(likelihood(flat), rel=1e-12)
     names = [
