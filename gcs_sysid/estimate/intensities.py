@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from gcs_sysid import parallel
 from gcs_sysid.estimate import quasi_newton
@@ -33,7 +33,7 @@ from gcs_sysid.model.aided_step import Half
 from gcs_sysid.model.air import Turbulence
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
-from gcs_sysid.reconstruct.aided_smoother import Chunk
+from gcs_sysid.reconstruct.aided_smoother import LENGTHS, SHORTEST, Chunk
 from gcs_sysid.reconstruct.causal import Path
 from gcs_sysid.reconstruct.linear_filter import Belief
 
@@ -410,6 +410,35 @@ def reaches(log_noise: Noise) -> list[Reach]:
         Reach.DECAYING if slow else Reach.DRIVEN if loud else Reach.MEASURED
         for slow, loud in zip(*_touched(log_noise), strict=True)
     ]
+
+
+def floors(log_noise: Noise) -> Float[np.ndarray, " intensity"]:
+    """Logarithm of how much each intensity moves what it stands for, 0 for most.
+
+    A length far below the shortest changes nothing.
+    """
+    none = jax.tree.map(jnp.zeros_like, log_noise)
+    square = {name: jnp.exp(2.0 * getattr(log_noise.turbulence, name)) for name in LENGTHS}
+    moved = {name: jnp.log(each / (each + SHORTEST**2)) for name, each in square.items()}
+    found = none._replace(turbulence=none.turbulence._replace(**moved))
+    return np.asarray(ravel_pytree(found)[0])
+
+
+def deviations(log_noise: Noise) -> Int[np.ndarray, " intensity"]:
+    """Place of the intensity that each one goes by, itself for most.
+
+    Lengths, times and how gusts turn the air change nothing where there are no gusts or errors.
+    """
+    flat, unravel = ravel_pytree(log_noise)
+    own: Noise = unravel(jnp.arange(flat.size, dtype=flat.dtype))
+    gust, spin = own.turbulence.gust, own.turbulence.spin
+    turned = {"coupling": jnp.stack([gust[2], gust[1]]), "azimuth": gust[1]}
+    by = own._replace(
+        turbulence=own.turbulence._replace(gust_length=gust, spin_length=spin, **turned),
+        attitude_error_time=own.attitude_error,
+        velocity_error_time=own.velocity_error,
+    )
+    return np.asarray(ravel_pytree(by)[0]).astype(int)
 
 
 @jax.jit

@@ -109,11 +109,13 @@ class Instruments(NamedTuple):
             others; 0 in rows that are not asked.
         spreads: V of the former, as the pairs of `_pairs`.
         by_likelihood: which they are.
+        log_noise: intensities with which they were worked out.
     """
 
     innovations: tuple[Float[np.ndarray, "unknown sample row"], ...]
     spreads: tuple[Float[np.ndarray, "asked sample pair"], ...]
     by_likelihood: Bool[np.ndarray, " unknown"]
+    log_noise: Noise
 
 
 class Asking(NamedTuple):
@@ -154,7 +156,7 @@ def instruments(of: Asking) -> Instruments:
     Those are most of the work; what they are for, a stretch of the flight tells: `Curvature.on`.
     """
     parts = [own for own, _ in _worked_out(of, np.flatnonzero(of.asked))]
-    return Instruments(*zip(*parts, strict=True), of.asked)
+    return Instruments(*zip(*parts, strict=True), of.asked, of.log_noise)
 
 
 def curved(of: Asking) -> tuple[Instruments, Curvature]:
@@ -171,7 +173,8 @@ def curved(of: Asking) -> tuple[Instruments, Curvature]:
         slope += flat @ every.T
         slope[asked] += told[asked]
         information += every @ every.T + told
-    return Instruments(*zip(*parts, strict=True), asked), Curvature(slope, scatter, information)
+    made = Instruments(*zip(*parts, strict=True), asked, of.log_noise)
+    return made, Curvature(slope, scatter, information)
 
 
 def _worked_out(
@@ -257,6 +260,39 @@ def sums(
         found[asked.by_likelihood] += spread.reshape(len(spread), -1) @ excess[rows].ravel()
         begin = rows.stop
     return found
+
+
+def shares(asked: Instruments, count: int) -> Float[np.ndarray, " intensity"]:
+    """Share of the covariance that each of the last `count` unknowns makes where it has a part.
+
+    Where an intensity σ makes a share ρ of some rows' covariance and nothing of the others', V has
+    2ρ in those: tr VV over 2 tr V is ρ.
+    """
+    first, second, weight = _pairs(aided.ROW_COUNT)
+    traces, squares = np.zeros((2, count))
+    for spread in asked.spreads:
+        own = spread[len(spread) - count :]
+        traces += own[..., first == second].sum(axis=(1, 2))
+        squares += np.einsum("ukp,ukp,p->u", own, own, weight)
+    made = np.divide(squares, 2.0 * traces, out=np.zeros(count), where=traces > 0.0)
+    return np.minimum(made, 1.0)
+
+
+def faded(
+    louder: Float[np.ndarray, " intensity"], shares: Float[np.ndarray, " intensity"]
+) -> Float[np.ndarray, " intensity"]:
+    """What V has become of unknowns whose intensity is not what it was, as a share of what it was.
+
+    dS goes with the square of the intensity, and S by as much of it as the intensity makes. Without
+    that, less and less of what is not there went on promising as much as at first: of a flight in
+    calm air gusts that had long been nothing were most of what was left to gain.
+
+    Args:
+        louder: change of the logarithm of each unknown's intensity.
+        shares: of that intensity in the covariance.
+    """
+    square = np.exp(2.0 * louder)
+    return square / (1.0 - shares + shares * square)
 
 
 def scatter(

@@ -20,7 +20,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from gcs_sysid.estimate import godambe, likelihood, quasi_newton, scoring, settling
+from gcs_sysid.estimate import godambe, intensities, likelihood, quasi_newton, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature, Instruments
 from gcs_sysid.estimate.scoring import Point
@@ -162,12 +162,14 @@ def climbed(
     for number in range(sets):
         if number:
             used = search.using(search.instruments(here))
-        before, shorter = search.density(here), 0
+        before, shorter, looked = search.density(here), 0, list[_Looked]()
         if counts.any():
             here = search.farther(used, here)
             history.append(here.log_likelihood)
         for step in range(STEPS if counts.any() else 0):
             inner, slope = search.quadratic(used, here)
+            for one in looked:
+                inner = quasi_newton.learned(inner, *one)
             left = search.promised(inner, slope)
             progress(
                 f"step {number + 1}.{step + 1}: log-likelihood {here.log_likelihood:.0f}, "
@@ -175,7 +177,7 @@ def climbed(
             )
             if left < ENOUGH:
                 break
-            there, shorter = search.stepped(here, inner, slope, max(shorter - 1, 0))
+            there, shorter = search.stepped(used, here, inner, slope, max(shorter - 1, 0), looked)
             if there is None:
                 break
             grown = search.density(there) - search.density(here)
@@ -204,11 +206,25 @@ class _Using(NamedTuple):
         asked: the instruments.
         scatter: of the sums made with them, of the rows from which everything is learned.
         slope: by how much errors of all unknowns move these sums.
+        shares: `likelihood.shares` of the intensities by which the sought ones go.
     """
 
     asked: Instruments
     scatter: Float[np.ndarray, "unknown unknown"]
     slope: Float[np.ndarray, "unknown unknown"]
+    shares: Float[np.ndarray, " intensity"]
+
+
+class _Looked(NamedTuple):
+    """A step that was looked at, taken or not.
+
+    Attributes:
+        step: in units of the beliefs' root.
+        change: by how much the slope has fallen over it.
+    """
+
+    step: Float[np.ndarray, " unit"]
+    change: Float[np.ndarray, " unit"]
 
 
 class _Search:
@@ -237,6 +253,7 @@ class _Search:
         self._root = settling.root(beliefs.covariance)
         self._centre = np.asarray(ravel_pytree(beliefs.noise.mean)[0])
         self._noises = np.flatnonzero(by.free[1])
+        self._deviations = intensities.deviations(first.log_noise)[self._noises]
         self._spread = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])[self._noises]
         # Steps are in units of the beliefs' root, so that what is held stays.
         size, count = self._root.shape[1], int(by.free[0].sum())
@@ -290,7 +307,7 @@ class _Search:
 
     def using(self, asked: Instruments) -> _Using:
         """Instruments, ready to be used at every step nearby."""
-        return _Using(asked, *self._moved(asked, self._counts))
+        return _Using(asked, *self._moved(asked, self._counts), self._shares(asked))
 
     def quadratic(
         self, used: _Using, point: Point
@@ -309,29 +326,47 @@ class _Search:
 
     def stepped(
         self,
+        used: _Using,
         here: Point,
         inner: Float[np.ndarray, "unit unit"],
         slope: Float[np.ndarray, " unit"],
         shorter: int,
+        looked: list[_Looked],
     ) -> tuple[Point | None, int]:
         """A step that makes flight and beliefs more probable; None if there is none.
 
         Of all unknowns, or else of the intensities alone: these are asked by the likelihood's own
-        slope, and gain where the parameters, which are not, stand in the way.
+        slope, and gain where the parameters, which are not, stand in the way. How errors move
+        scores is carried from a stretch, and off by a part; what a step changes, one that is not
+        taken as well, is known of the next.
+
+        Args:
+            used: instruments.
+            here: where the search is.
+            inner: information.
+            slope: of the density.
+            shorter: first of `SHARES` that is tried.
+            looked: takes every step that is looked at.
 
         Returns:
-            Where it leads, and which of `SHARES` it was, from `shorter` on.
+            Where it leads, and which of `SHARES` it was.
         """
         size = self._root.shape[1]
-        every, noise = quasi_newton.bounded(inner, slope, self._longest), np.zeros_like(slope)
-        noise[size:] = quasi_newton.bounded(inner[size:, size:], slope[size:], self._longest[size:])
-        tried = [(number, SHARES[number] * every) for number in range(shorter, len(SHARES))]
-        tried += [(len(SHARES), share * noise) for share in SHARES]
-        for number, move in tried:
+        tried = [(number, SHARES[number], False) for number in range(shorter, len(SHARES))]
+        tried += [(len(SHARES), share, True) for share in SHARES]
+        for number, share, alone in tried:
+            move = np.zeros_like(slope)
+            part = slice(size, None) if alone else slice(None)
+            move[part] = share * quasi_newton.bounded(
+                inner[part, part], slope[part], self._longest[part]
+            )
             logs = np.array(ravel_pytree(here.log_noise)[0])
             logs[self._noises] += self._spread * move[size:]
             means = self._means(here.values + self._root @ move[:size])
             there = self.passed(Unknowns(means, self._logs(jnp.asarray(logs))), here.path)
+            if np.isfinite(self.density(there)):
+                looked.append(_Looked(move, slope - self.quadratic(used, there)[1]))
+                inner = quasi_newton.learned(inner, *looked[-1])
             if self.density(there) > self.density(here) - SLACK:
                 return there, number
         return None, len(SHARES)
@@ -372,7 +407,7 @@ class _Search:
         mine = godambe.integrated(
             *self._scored(used, point, self._counts), self._spread**-2.0, -off / self._spread
         )
-        others = _Using(used.asked, *self._moved(used.asked, done.apart))
+        others = _Using(used.asked, *self._moved(used.asked, done.apart), used.shares)
         matrix, score = self._scored(others, point, done.apart)
         free, last = self._by.free[0], done.last
         return (
@@ -395,7 +430,23 @@ class _Search:
     def _scored(
         self, used: _Using, point: Point, counts: Bool[np.ndarray, " sample"]
     ) -> tuple[Float[np.ndarray, "unknown unknown"], Float[np.ndarray, " unknown"]]:
-        score = likelihood.sums(used.asked, point.whitened, counts)
         if not counts.any():
-            return used.scatter, score
-        return godambe.quadratic(used.slope, used.scatter, score, self._by.precision)
+            return used.scatter, likelihood.sums(used.asked, point.whitened, counts)
+        faded = self._faded(used, point)
+        score = faded * likelihood.sums(used.asked, point.whitened, counts)
+        moved, scatter = (part * np.outer(faded, faded) for part in (used.slope, used.scatter))
+        return godambe.quadratic(moved, scatter, score, self._by.precision)
+
+    def _shares(self, asked: Instruments) -> Float[np.ndarray, " intensity"]:
+        """`likelihood.shares` of the intensities by which the sought ones go."""
+        found = np.zeros(self._by.free[1].size)
+        found[self._noises] = likelihood.shares(asked, self._noises.size)
+        return found[self._deviations]
+
+    def _faded(self, used: _Using, point: Point) -> Float[np.ndarray, " unknown"]:
+        """What instruments that were made elsewhere have become at a point."""
+        both = point.log_noise, used.asked.log_noise
+        here, there = (np.asarray(ravel_pytree(each)[0])[self._deviations] for each in both)
+        felt, before = (intensities.floors(each)[self._noises] for each in both)
+        faded = likelihood.faded(here - there, used.shares) * np.exp(felt - before)
+        return np.concatenate([np.ones(len(used.scatter) - faded.size), faded])

@@ -33,6 +33,8 @@ SHORTEST = 0.5
 """Of the lengths of gusts [m]. A wing cannot be turned by air that turns within a part of its span,
 and of what is passed in less than a third of a step the Runge–Kutta scheme makes more at each."""
 
+LENGTHS = ("gust_length", "spin_length")
+
 
 class Chunk(NamedTuple):
     """A stretch of a flight with its nominal states at both ends of every step."""
@@ -61,10 +63,7 @@ def positive(log_noise: Noise) -> Noise:
     """
     noise = jax.tree.map(jnp.exp, log_noise)
     signed = {name: getattr(log_noise.turbulence, name) for name in ("coupling", "azimuth")}
-    lengths = {
-        name: jnp.hypot(getattr(noise.turbulence, name), SHORTEST)
-        for name in ("gust_length", "spin_length")
-    }
+    lengths = {name: jnp.hypot(getattr(noise.turbulence, name), SHORTEST) for name in LENGTHS}
     return noise._replace(turbulence=noise.turbulence._replace(**signed, **lengths))
 
 
