@@ -20,6 +20,11 @@ class Unknowns(NamedTuple):
     means: Means
     log_noise: Noise
 
+    def same(self, other: Unknowns) -> bool:
+        """Whether all values are those of another, but for rounding."""
+        pairs = zip(jax.tree.leaves(self), jax.tree.leaves(other), strict=True)
+        return all(np.allclose(one, its, rtol=1e-9, atol=1e-12) for one, its in pairs)
+
 
 @dataclass(frozen=True)
 class Flight:

@@ -27,6 +27,7 @@ from jaxtyping import Bool, Float, Int
 
 from gcs_sysid import parallel
 from gcs_sysid.estimate import intensities
+from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.frames import Array
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Means, Noise, State
@@ -109,13 +110,13 @@ class Instruments(NamedTuple):
             others; 0 in rows that are not asked.
         spreads: V of the former, as the pairs of `_pairs`.
         by_likelihood: which they are.
-        log_noise: intensities with which they were worked out.
+        about: unknowns with which they were worked out.
     """
 
     innovations: tuple[Float[np.ndarray, "unknown sample row"], ...]
     spreads: tuple[Float[np.ndarray, "asked sample pair"], ...]
     by_likelihood: Bool[np.ndarray, " unknown"]
-    log_noise: Noise
+    about: Unknowns
 
 
 class Asking(NamedTuple):
@@ -156,7 +157,7 @@ def instruments(of: Asking) -> Instruments:
     Those are most of the work; what they are for, a stretch of the flight tells: `Curvature.on`.
     """
     parts = [own for own, _ in _worked_out(of, np.flatnonzero(of.asked))]
-    return Instruments(*zip(*parts, strict=True), of.asked, of.log_noise)
+    return Instruments(*zip(*parts, strict=True), of.asked, Unknowns(of.means, of.log_noise))
 
 
 def curved(of: Asking) -> tuple[Instruments, Curvature]:
@@ -173,7 +174,7 @@ def curved(of: Asking) -> tuple[Instruments, Curvature]:
         slope += flat @ every.T
         slope[asked] += told[asked]
         information += every @ every.T + told
-    made = Instruments(*zip(*parts, strict=True), asked, of.log_noise)
+    made = Instruments(*zip(*parts, strict=True), asked, Unknowns(of.means, of.log_noise))
     return made, Curvature(slope, scatter, information)
 
 
@@ -265,8 +266,10 @@ def sums(
 def shares(asked: Instruments, count: int) -> Float[np.ndarray, " intensity"]:
     """Share of the covariance that each of the last `count` unknowns makes where it has a part.
 
-    Where an intensity σ makes a share ρ of some rows' covariance and nothing of the others', V has
-    2ρ in those: tr VV over 2 tr V is ρ.
+    Where an intensity makes a share ρ of some rows' covariance and nothing of the others', V has
+    2ρ in those, and tr VV over 2 tr V is ρ. Gains adapt, by which what is smaller falls off more
+    slowly; the root of that foretells what half an intensity does to a tenth or two
+    (`tests/estimate/test_likelihood.py`).
     """
     first, second, weight = _pairs(aided.ROW_COUNT)
     traces, squares = np.zeros((2, count))
@@ -275,7 +278,7 @@ def shares(asked: Instruments, count: int) -> Float[np.ndarray, " intensity"]:
         traces += own[..., first == second].sum(axis=(1, 2))
         squares += np.einsum("ukp,ukp,p->u", own, own, weight)
     made = np.divide(squares, 2.0 * traces, out=np.zeros(count), where=traces > 0.0)
-    return np.minimum(made, 1.0)
+    return np.sqrt(np.minimum(made, 1.0))
 
 
 def faded(

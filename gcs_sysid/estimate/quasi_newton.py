@@ -9,23 +9,6 @@ TRIES = 50
 """Times that parts of a step are held and let go at most; a handful is usual."""
 LEAST = 0.01
 """Where the slope changed by less than this share of what was expected, a step tells nothing."""
-HALF = 0.5
-"""Share of what was expected that a change counts as at least: no step more than doubles."""
-LEAST_CURVED, MOST_CURVED = 0.1, 5.0
-"""A slope that changed by less or more than so many times what was expected is not believed."""
-
-
-def learned(
-    curvature: Float[np.ndarray, "parameter parameter"],
-    step: Float[np.ndarray, " parameter"],
-    change: Float[np.ndarray, " parameter"],
-    least: float = LEAST_CURVED,
-) -> Float[np.ndarray, "parameter parameter"]:
-    """`updated`, where the gradient changed by what is to be believed, `least` of it at least."""
-    expected = step @ curvature @ step
-    if not least * expected < step @ change < MOST_CURVED * expected:
-        return curvature
-    return updated(curvature, step, change, least=HALF)
 
 
 def updated(

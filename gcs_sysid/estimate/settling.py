@@ -63,6 +63,10 @@ CALM = 20.0
 them."""
 STALE = 5
 """Turns that bring the likelihood no further, one after the other, after which the best stands."""
+HALF = 0.5
+"""Share of what was expected that a change counts as at least: no step more than doubles."""
+LEAST_CURVED, MOST_CURVED = 0.1, 5.0
+"""A slope that changed by less or more than so many times what was expected is not believed."""
 ENOUGH = (2.0, 10.0)
 """A turn that would gain less than the one, of mean and intensities together, and has gained less
 than the other over the best before, ends the search [nat]. Where the gains take most of the
@@ -385,7 +389,7 @@ class _Slope(NamedTuple):
 
     at: Float[np.ndarray, " unit"]
     slope: Float[np.ndarray, " unit"]
-    least: float = quasi_newton.LEAST_CURVED
+    least: float = LEAST_CURVED
 
 
 def _newton(
@@ -410,7 +414,9 @@ def _newton(
     slope = units.T @ score - at
     if before is not None:
         step, change = at - before.at, before.slope - slope
-        inner = quasi_newton.learned(inner, step, change, before.least)
+        expected = step @ inner @ step
+        if before.least * expected < step @ change < MOST_CURVED * expected:
+            inner = quasi_newton.updated(inner, step, change, least=HALF)
     damped = inner + damping * np.diag(np.diagonal(inner))
     move = units @ np.linalg.solve(damped, slope)
     return move, 0.5 * float(move @ matrix @ move), _Slope(at, slope)

@@ -48,6 +48,9 @@ SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
 DOUBLED = 7
 """Times that a step along a lag alone is doubled at most, as long as it gains."""
+STIFFER = 1.0
+"""Share of what was expected that the change of a slope over a step counts as at least. Believed
+where it changed by less as well, what had promised too much went on to promise ever more."""
 SHARES = (1.0, 0.3, 0.1)
 """Of a step, one after the other, until one gains. What bends is not how well each unknown is known
 but the way: where the centre of gravity moves, the moment's slope has to go along."""
@@ -61,12 +64,14 @@ class Relation(NamedTuple):
         precision: of what was believed of the unknowns, for what the stretch hides.
         free: parameters of which the flight tells anything, and intensities that are not held.
         sizes: one deviation of each parameter, over which matrices are taken as linear.
+        about: unknowns with which it was worked out.
     """
 
     curvature: Curvature
     precision: Float[np.ndarray, "unknown unknown"]
     free: tuple[Bool[np.ndarray, " parameter"], Bool[np.ndarray, " intensity"]]
     sizes: Float[np.ndarray, " parameter"]
+    about: Unknowns
 
 
 class Weighed(NamedTuple):
@@ -89,6 +94,11 @@ class Weighed(NamedTuple):
     asked: Instruments
     by: Relation
     doubt: float = 1.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether the search ended elsewhere than where `by` was worked out."""
+        return not self.by.about.same(settling.at(self.settled, self.by.about.means))
 
     def asked_again(self, by: Relation) -> Instruments | None:
         """Instruments for a search nearby by another relation; None where it asks of others.
@@ -122,7 +132,7 @@ def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: B
         *(model, *unknowns, path, every, free, sizes),
         scoring.marked(unknowns.means, scoring.BY_LIKELIHOOD),
     )
-    return Relation(likelihood.curved(of)[1], precision, free, sizes)
+    return Relation(likelihood.curved(of)[1], precision, free, sizes, unknowns)
 
 
 def climbed(
@@ -163,13 +173,14 @@ def climbed(
         if number:
             used = search.using(search.instruments(here))
         before, shorter, looked = search.density(here), 0, list[_Looked]()
+        made_here = used.asked.about.same(search.unknowns(here))
         if counts.any():
             here = search.farther(used, here)
             history.append(here.log_likelihood)
         for step in range(STEPS if counts.any() else 0):
             inner, slope = search.quadratic(used, here)
             for one in looked:
-                inner = quasi_newton.learned(inner, *one)
+                inner = quasi_newton.updated(inner, *one, least=STIFFER)
             left = search.promised(inner, slope)
             progress(
                 f"step {number + 1}.{step + 1}: log-likelihood {here.log_likelihood:.0f}, "
@@ -185,7 +196,7 @@ def climbed(
             history.append(here.log_likelihood)
             if grown < 0.5 * ENOUGH:
                 break
-        gained, made_here = search.density(here) - before, asked is None or number > 0
+        gained = search.density(here) - before
         if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
     skipped = flight.finding
@@ -366,7 +377,7 @@ class _Search:
             there = self.passed(Unknowns(means, self._logs(jnp.asarray(logs))), here.path)
             if np.isfinite(self.density(there)):
                 looked.append(_Looked(move, slope - self.quadratic(used, there)[1]))
-                inner = quasi_newton.learned(inner, *looked[-1])
+                inner = quasi_newton.updated(inner, *looked[-1], least=STIFFER)
             if self.density(there) > self.density(here) - SLACK:
                 return there, number
         return None, len(SHARES)
@@ -445,7 +456,7 @@ class _Search:
 
     def _faded(self, used: _Using, point: Point) -> Float[np.ndarray, " unknown"]:
         """What instruments that were made elsewhere have become at a point."""
-        both = point.log_noise, used.asked.log_noise
+        both = point.log_noise, used.asked.about.log_noise
         here, there = (np.asarray(ravel_pytree(each)[0])[self._deviations] for each in both)
         felt, before = (intensities.floors(each)[self._noises] for each in both)
         faded = likelihood.faded(here - there, used.shares) * np.exp(felt - before)

@@ -159,6 +159,11 @@ class Answer:
         """Whether every flight came to rest."""
         return all(one.ended for one in self.settled)
 
+    @property
+    def moved(self) -> bool:
+        """Whether a search ended elsewhere than where `relations` were worked out."""
+        return any(one.moved for one in self.each)
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -349,7 +354,12 @@ class Question:
         begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED
         return [
-            one if one.ended or one.log_likelihood < hopeless else gone_on(one) for one in begun
+            one
+            if one.ended
+            or one.log_likelihood < hopeless
+            or (trial.near is not None and not one.moved)
+            else gone_on(one)
+            for trial, one in zip(trials, begun, strict=True)
         ]
 
     def rested(self, telling: Telling, found: Answer) -> Answer:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid.estimate import likelihood
+from gcs_sysid.estimate import intensities, likelihood
 from gcs_sysid.reconstruct import aided_smoother, causal
 from gcs_sysid.reconstruct.causal import Path
 from tests.estimate import made_flight as made
@@ -20,6 +20,11 @@ pytestmark = pytest.mark.slow
 KNOWN = made.unknowns(1.0)
 FLAT, UNRAVEL = ravel_pytree(KNOWN.means)
 LOGS, UNRAVEL_LOGS = ravel_pytree(KNOWN.log_noise)
+NAMES = [
+    jax.tree_util.keystr(place)
+    for place, leaf in jax.tree_util.tree_flatten_with_path(KNOWN.log_noise)[0]
+    for _ in range(leaf.size)
+]
 DERIVATIVES = sum(len(terms) for terms in made.TERMS.values())
 
 
@@ -220,3 +225,59 @@ def test_what_only_gains_know_of_a_stretch_is_not_taken_over() -> None:
     assert told[2, 2] <= likelihood.SWOLLEN**2 * flight[2, 2]
     alone = stretch.slope[:2, :2].T @ np.linalg.solve(scatter[:2, :2], slope[:2, :2])
     np.testing.assert_allclose(np.diagonal(told)[:2], 4.0 * np.diagonal(alone), rtol=0.05)
+
+
+def test_an_intensity_that_fades_moves_covariances_by_as_much_less(path) -> None:
+    """V made anew at half and an eighth of an intensity, and as it is foretold.
+
+    Of gusts and of what drives the velocity the filter sees little, of noise most.
+    """
+    free = np.zeros(FLAT.size, dtype=bool), np.ones(LOGS.size, dtype=bool)
+    free[1][-1] = False
+    none, sizes = np.zeros(FLAT.size, dtype=bool), np.full(FLAT.size, 1e-4)
+    every = np.ones(made.COUNT, dtype=bool)
+
+    def made_at(logs: jax.Array) -> likelihood.Instruments:
+        known = (made.MODEL, KNOWN.means, UNRAVEL_LOGS(logs), path)
+        return likelihood.instruments(likelihood.Asking(*known, every, free, sizes, none))
+
+    def moved(asked: likelihood.Instruments) -> np.ndarray:
+        return np.sqrt(sum(np.einsum("ukp,ukp->u", each, each) for each in asked.spreads))
+
+    asked = made_at(LOGS)
+    assert asked.about.same(KNOWN)
+    shares = likelihood.shares(asked, LOGS.size - 1)
+    assert np.all((shares >= 0.0) & (shares <= 1.0))
+    for name in (".turbulence.gust", ".force", ".accelerometer", ".attitude"):
+        at = NAMES.index(name)
+        for factor, within in ((0.5, 0.15), (0.125, 0.5)):
+            louder = np.log(factor)
+            less = moved(made_at(LOGS.at[at].add(louder)))[at] / moved(asked)[at]
+            foretold = likelihood.faded(np.array([louder]), shares[at : at + 1])[0]
+            assert abs(less - foretold) < within, (name, factor)
+
+
+def test_lengths_and_turns_go_by_the_gusts_that_they_are_of() -> None:
+    places = intensities.deviations(KNOWN.log_noise)
+    by = dict(zip(range(LOGS.size), places, strict=True))
+    gust, spin = NAMES.index(".turbulence.gust"), NAMES.index(".turbulence.spin")
+    length, over = NAMES.index(".turbulence.gust_length"), NAMES.index(".turbulence.spin_length")
+    assert [by[length + axis] for axis in range(3)] == [gust + axis for axis in range(3)]
+    assert [by[over + axis] for axis in range(3)] == [spin + axis for axis in range(3)]
+    noise = NAMES.index(".accelerometer")
+    assert by[noise] == noise
+
+
+def test_a_length_far_below_the_shortest_moves_nothing() -> None:
+    """By differences of the length that the filter has."""
+    at, size = NAMES.index(".turbulence.gust_length"), 1e-5
+
+    def length(logs: jax.Array) -> float:
+        return float(aided_smoother.positive(UNRAVEL_LOGS(logs)).turbulence.gust_length[0])
+
+    for log in (np.log(30.0), np.log(0.5), np.log(0.05)):
+        logs = LOGS.at[at].set(log)
+        ends = [np.log(length(logs.at[at].add(sign * size))) for sign in (1.0, -1.0)]
+        found = intensities.floors(UNRAVEL_LOGS(logs))
+        assert np.exp(found[at]) == pytest.approx((ends[0] - ends[1]) / (2.0 * size), rel=1e-4)
+        assert found[NAMES.index(".turbulence.gust")] == 0.0

@@ -148,6 +148,15 @@ def test_what_is_known_nearby_serves(by, ended) -> None:
     np.testing.assert_allclose(deviation, posterior(again)[1], rtol=0.15)
 
 
+def test_a_search_that_stays_is_where_it_was_worked_out_how_errors_show(ended) -> None:
+    end = settling.at(ended.settled, KNOWN.means)
+    anew = weighed.relation(made.MODEL, FLIGHT, end, beliefs())
+    found, told = climbed(anew, EVERY, end)
+    assert len(told) == 1
+    assert not found.moved
+    assert ended.moved
+
+
 def test_instruments_serve_again_where_the_same_unknowns_are_asked(by, ended) -> None:
     assert ended.by is by
     assert ended.asked_again(by._replace(precision=2.0 * by.precision)) is ended.asked
