@@ -86,11 +86,13 @@ def flown(flights: Sequence[Flight], aircraft: Aircraft) -> Flown:
         else np.inf
         for each in data
     )
+    blown = (np.mean(one.reconstruction.wind[:, :2], axis=0) for one in flights)
     return Flown(
         qbar=np.concatenate([one.samples.qbar for one in flights]),
         lowest=height / aircraft.geometry.wing_span,
         rates=rates,
         streams=flights[0].reconstruction.data.used,
+        wind=max(float(np.linalg.norm(each)) for each in blown),
     )
 
 

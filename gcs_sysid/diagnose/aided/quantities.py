@@ -50,6 +50,9 @@ KNOTS = (0.1, 0.3, 1.0)
 """Heights over span between which the ground's influence is a line."""
 NEAR = 0.5
 """Height over span below which a flight may show the ground's influence."""
+BLOWING = 2.0
+"""Steady wind above which a flight may show that it grows with height [m/s]. In calm air what
+seems to blow is what sensors are off by, and a wind that grows was named in it."""
 SERVO_STREAM = "SERVO_OUTPUT_RAW"
 MISSING = "missing"
 """Quantity of a term that nothing listed stands for."""
@@ -71,12 +74,14 @@ class Flown:
         lowest: least height over span.
         rates: fastest motion of each control, all but the extremes [rad/s].
         streams: message behind each group of sensors, and behind `gyro`.
+        wind: strongest steady wind of the flights [m/s].
     """
 
     qbar: Float[np.ndarray, " sample"]
     lowest: float
     rates: Mapping[str, float]
     streams: Mapping[str, str]
+    wind: float
 
 
 @dataclass(frozen=True)
@@ -293,6 +298,7 @@ def build(
         found[f"stall.{knot:.4g}"] = {name: -slope}
     has = {"engine"} if aircraft.propulsion else set()
     has |= {"vanes"} if "vanes" in flown.streams else set()
+    has |= {"wind"} if flown.wind > BLOWING else set()
     if flown.lowest < NEAR:
         has.add("ground")
         found |= _ground(terms)

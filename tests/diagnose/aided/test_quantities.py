@@ -42,6 +42,7 @@ def built(
     aircraft: Aircraft,
     *,
     low: bool = True,
+    wind: float = 3.0,
     reached: dict[str, float] | None = None,
     acting: Collection[str] = (),
 ) -> Quantities:
@@ -55,7 +56,7 @@ def built(
     }
     if aircraft.vanes is not None:
         streams["vanes"] = "AOA_SSA"
-    flown = Flown(np.linspace(150.0, 350.0, 50), lowest, rates, streams)
+    flown = Flown(np.linspace(150.0, 350.0, 50), lowest, rates, streams, wind)
     return quantities.build(aircraft, flown, reached, acting)
 
 
@@ -67,6 +68,13 @@ def means(found: Quantities) -> Means:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     sensors = Sensors(jnp.zeros(3), jnp.zeros(3), zero, zero, pair, pair, *[zero] * 6, pair)
     return Means(values, sensors, departures.none(found.aircraft, len(found.servos)))
+
+
+def test_a_wind_that_hardly_blows_grows_with_nothing(aircraft) -> None:
+    def named(wind: float) -> set[str]:
+        return {one.cause.name for one in quantities.candidates(CAUSES, built(aircraft, wind=wind))}
+
+    assert named(3.0) - named(1.5) == {"wind_shear"}
 
 
 def test_names_are_those_of_the_flat_vector(aircraft) -> None:
