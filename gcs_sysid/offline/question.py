@@ -353,14 +353,14 @@ class Question:
 
         begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED
-        return [
-            one
-            if one.ended
-            or one.log_likelihood < hopeless
-            or (trial.near is not None and not one.moved)
-            else gone_on(one)
-            for trial, one in zip(trials, begun, strict=True)
-        ]
+
+        def left_there(trial: Trial, one: Answer) -> bool:
+            # Of the same question at the same point nothing else would be worked out.
+            known = trial.near is not None and not one.moved
+            return one.ended or one.log_likelihood < hopeless or known
+
+        pairs = zip(trials, begun, strict=True)
+        return [one if left_there(trial, one) else gone_on(one) for trial, one in pairs]
 
     def rested(self, telling: Telling, found: Answer) -> Answer:
         """Flights searched on without any cause, unless all have come to rest."""

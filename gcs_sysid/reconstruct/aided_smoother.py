@@ -34,6 +34,7 @@ SHORTEST = 0.5
 and of what is passed in less than a third of a step the Runge–Kutta scheme makes more at each."""
 
 LENGTHS = ("gust_length", "spin_length")
+"""Which these are."""
 
 
 class Chunk(NamedTuple):

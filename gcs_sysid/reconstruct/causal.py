@@ -143,11 +143,18 @@ def filtered(
     """The filter over a path: the path of its predictions, what is believed at its end, steps."""
     belief, steps, chunks = path.start, [], []
     for chunk, last, piece in zip(path.chunks, last_ends(path), rows, strict=True):
-        end, done = linear_filter.innovations(belief, piece)
-        chunks.append(_predicted(chunk, last, belief, done))
-        belief = end
+        predicted, belief, done = _stepped(chunk, last, belief, piece)
+        chunks.append(predicted)
         steps.append(done)
     return _ahead(path, chunks), belief, steps
+
+
+def _stepped(
+    chunk: Chunk, last: State | None, begun: Belief, rows: Linearised
+) -> tuple[Chunk, Belief, linear_filter.Filtered]:
+    """The filter over a chunk: the chunk along its predictions, its end, its steps."""
+    end, done = linear_filter.innovations(begun, rows)
+    return _predicted(chunk, last, begun, done), end, done
 
 
 def _ahead(path: Path, chunks: list[Chunk]) -> Path:
@@ -198,9 +205,8 @@ def passed(
     lasts = last_ends(path)
     changes = parallel.ahead(changed, path.chunks, lasts)
     for chunk, last, (piece, motion, seen) in zip(path.chunks, lasts, changes, strict=True):
-        end, done = linear_filter.innovations(belief, piece)
-        chunks.append(_predicted(chunk, last, belief, done))
-        belief = end
+        predicted, belief, done = _stepped(chunk, last, belief, piece)
+        chunks.append(predicted)
         density.append(done.log_likelihood)
         whitened.append(done.whitened)
         count = piece.offset.shape[0]

@@ -32,7 +32,7 @@ JITTER = 1e-14
 
 
 class Belief(NamedTuple):
-    """Mean and covariance of the deviation."""
+    """Mean and covariance of the deviation; of the steps of `innovations` the mean only."""
 
     mean: Float[Array, "*sample state"]
     covariance: Float[Array, "*sample state state"]
