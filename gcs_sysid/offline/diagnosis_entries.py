@@ -8,6 +8,7 @@ from typing import Any
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.diagnose.aided.power import Power
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
+from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
@@ -176,6 +177,12 @@ def alternatives(ranked: Sequence[Ranked]) -> list[dict[str, Any]]:
         behind = best.log_bayes_factor - item.log_bayes_factor
         listed.append({**_ranked(item), "behind": behind})
     return sorted(listed, key=lambda item: item["behind"])[:LISTED]
+
+
+def not_asked(candidates: Sequence[Candidate]) -> dict[str, str]:
+    """Causes that the flights give no sense to, and what would show them."""
+    asked = {each.cause.name for each in candidates}
+    return {name: cause.shown_by for name, cause in CAUSES.items() if name not in asked}
 
 
 def detectable(

@@ -108,6 +108,7 @@ def diagnosed(
         "alternatives": entries.alternatives(answer.ranked),
         "gain": {**gains, "free_run": flown_freely.gain(flown, held_out)},
         "detectable": entries.detectable(found.candidates, deviations, sizes, powers),
+        "not_asked": entries.not_asked(found.candidates),
         "strained": strained,
         "file_accuracy": best.accuracy if missing is None else missing.accuracy,
         "used": "every measurement, inside the aided filter",

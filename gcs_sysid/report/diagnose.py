@@ -306,6 +306,9 @@ def _could(summary: Mapping) -> tuple[Section, ...]:
         "matters, and the size from which half of such flights would show it: less than that may "
         "be there unseen. Up to the size in the last column something else explains as much."
     )
+    if unasked := summary.get("not_asked"):
+        named = "; ".join(f"{name} ({shown_by})" for name, shown_by in unasked.items())
+        text += f" Not asked about, since this flight could not show it; what would: {named}."
     return (Section("could", "What this flight could show", text, tables=(_detectable(summary),)),)
 
 

@@ -210,3 +210,11 @@ def test_of_a_group_is_said_what_is_sure(names: list[str], sure: list[str], said
     group = {"verdict": "ambiguous", "indistinguishable": names, "sure": sure}
     found = diagnose.findings({**summary({}), **group})
     assert next(item.text for item in found if item.topic == "Verdict") == said
+
+
+def test_what_was_not_asked_about_is_said() -> None:
+    told = {"detectable": {}, "not_asked": {"wind_shear": "climbs in a wind"}}
+    (section,) = diagnose._could(told)
+    assert "wind_shear (climbs in a wind)" in section.text
+    (section,) = diagnose._could({"detectable": {}})
+    assert "Not asked" not in section.text

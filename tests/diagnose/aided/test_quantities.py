@@ -26,6 +26,7 @@ from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.model import actuators, aerodynamics, departures, servo_changes
 from gcs_sysid.model.aided import Means, Sensors
+from gcs_sysid.offline import diagnosis_entries
 from gcs_sysid.sitl import plan, scenario
 from gcs_sysid.sitl.effects import catalogue
 from gcs_sysid.sitl.flight import Flight
@@ -75,6 +76,8 @@ def test_a_wind_that_hardly_blows_grows_with_nothing(aircraft) -> None:
         return {one.cause.name for one in quantities.candidates(CAUSES, built(aircraft, wind=wind))}
 
     assert named(3.0) - named(1.5) == {"wind_shear"}
+    calm = quantities.candidates(CAUSES, built(aircraft, wind=1.5))
+    assert "2 m/s" in diagnosis_entries.not_asked(calm)["wind_shear"]
 
 
 def test_names_are_those_of_the_flat_vector(aircraft) -> None:
