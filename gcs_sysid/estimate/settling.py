@@ -97,10 +97,10 @@ class Settled:
         log_noise: intensities.
         last: the pass at these values.
         fitted: rows from which the parameters of the mean were taken.
+        apart: rows that took no part and are told of as well.
         log_likelihood: after each turn.
         ended: whether nothing more was to be gained.
         left: what a further step of the parameters would gain [nat].
-        skipped: rows at the beginning that count for nobody.
         tolerated: what a search that has not ended may leave to gain [nat].
     """
 
@@ -108,16 +108,11 @@ class Settled:
     log_noise: Noise
     last: Pass
     fitted: Bool[np.ndarray, " sample"]
+    apart: Bool[np.ndarray, " sample"]
     log_likelihood: tuple[float, ...]
     ended: bool
     left: float = 0.0
-    skipped: int = 0
     tolerated: float = QUIET
-
-    @property
-    def apart(self) -> Bool[np.ndarray, " sample"]:
-        """Rows that took no part."""
-        return ~self.fitted & (np.arange(self.fitted.size) >= self.skipped)
 
     @property
     def restless(self) -> bool:
@@ -214,7 +209,7 @@ def rested(
     last = causal.passed(model, *unknowns, path, counts, chosen=chosen)
     values = np.asarray(ravel_pytree(unknowns.means)[0])
     density = float(last.log_likelihood.sum())
-    return Settled(values, unknowns.log_noise, last, counts, (density,), ended=True)
+    return Settled(values, unknowns.log_noise, last, counts, ~counts, (density,), ended=True)
 
 
 def _neared(
@@ -368,7 +363,7 @@ def _turns(
         last = causal.passed(model, means, best.log_noise, best.path, counts, chosen=told_of)
     history.append(float(last.log_likelihood.sum()))
     left = _newton(last, beliefs, values, None)[1]
-    return Settled(values, search.log_noise, last, counts, tuple(history), ended, left)
+    return Settled(values, search.log_noise, last, counts, ~counts, tuple(history), ended, left)
 
 
 class _Turn(NamedTuple):

@@ -119,7 +119,7 @@ def relation(model: FlightModel, stretch: Flight, unknowns: Unknowns, beliefs: B
         beliefs: about everything.
     """
     path = settling.along(model, stretch, unknowns)
-    every = np.arange(stretch.rows.step.size) >= stretch.finding
+    every = stretch.found
     held = np.diagonal(causal.passed(model, *unknowns, path, every).told.matrix)
     noise = np.asarray(ravel_pytree(beliefs.noise.sigma)[0])
     free = held > 0.0, noise > 0.0
@@ -154,14 +154,14 @@ def climbed(
         flight: measurements and first states.
         first: where to begin, near what is sought; the most probable is taken.
         beliefs: about everything.
-        counts: rows from which everything is learned, but for those at the beginning in which the
-            filter finds its states; where there are none, no step is taken.
+        counts: rows from which everything is learned, but for those in which the filter is still
+            finding its states; where there are none, no step is taken.
         by: relation of the same flight at another point nearby.
         progress: told about every step.
         asked: instruments of the same flight at another point nearby, where they are known.
         sets: times that instruments are used at most, those given among them.
     """
-    counts = counts & (np.arange(counts.size) >= flight.finding)
+    counts, apart = counts & flight.found, ~counts & flight.found
     search = _Search(model, first[0], beliefs, counts, by)
     begun = [
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
@@ -199,11 +199,9 @@ def climbed(
         gained = search.density(here) - before
         if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
-    skipped = flight.finding
-    done = causal.passed(model, *search.unknowns(here), here.path, counts, skipped=skipped)
+    done = causal.passed(model, *search.unknowns(here), here.path, counts, apart=apart)
     settled = Settled(
-        *(here.values, here.log_noise, done, counts, tuple(history), left < NEAR, left),
-        skipped=skipped,
+        *(here.values, here.log_noise, done, counts, apart, tuple(history), left < NEAR, left),
         tolerated=0.5 * MOST_DOUBT * search.count,
     )
     doubt = max(2.0 * left / search.count, 1.0)

@@ -337,7 +337,7 @@ def with_terms(
         done.last.path,
         done.fitted,
         more=causal.More(tuple(products), tuple(constants)),
-        skipped=done.skipped,
+        apart=done.apart,
     )
     values = np.concatenate([done.values, np.zeros(len(COEFFICIENTS) * len(terms))])
     return Weighed(

@@ -171,7 +171,7 @@ def passed(
     *,
     chosen: Bool[np.ndarray, " parameter"] | None = None,
     more: More | None = None,
-    skipped: int = 0,
+    apart: Bool[np.ndarray, " sample"] | None = None,
 ) -> Pass:
     """One pass over a flight.
 
@@ -183,7 +183,7 @@ def passed(
         counts: which rows `told` is made of.
         chosen: parameters that are asked about; of the others nothing is told. None for all.
         more: terms to tell of as well.
-        skipped: rows at the beginning that neither `told` nor `apart` is made of.
+        apart: which rows `apart` is made of; None for all others.
     """
     every = ravel_pytree(means)[0].size
     asked = np.arange(every) if chosen is None else np.flatnonzero(chosen)
@@ -191,7 +191,8 @@ def passed(
     if more is not None:
         size += len(more.terms) * len(more.constants)
     sensitivity = jnp.zeros((aided.SIZE, size))
-    told, apart = _nothing(size), _nothing(size)
+    told, beside = _nothing(size), _nothing(size)
+    others = ~counts if apart is None else apart
     first, blocks, places = 0, [], jnp.asarray(asked)
     belief, chunks, density, whitened = path.start, list[Chunk](), [], []
 
@@ -210,34 +211,33 @@ def passed(
         density.append(done.log_likelihood)
         whitened.append(done.whitened)
         count = piece.offset.shape[0]
-        wanted = np.zeros(count, dtype=bool)
-        part = counts[first : first + count]
-        wanted[: part.size] = part
-        others = ~wanted
-        for some in (wanted, others):
-            some[: max(skipped - first, 0)] = False
+        wanted, further = (_piece(rows, first, count) for rows in (counts, others))
         sensitivity, white = _carried(sensitivity, piece, done, motion, seen)
-        mine, beside, sums = _gathered(
-            white, done.whitened, jnp.asarray(wanted), jnp.asarray(others)
-        )
+        mine, its, sums = _gathered(white, done.whitened, jnp.asarray(wanted), jnp.asarray(further))
         blocks.append(np.asarray(sums))
         present = np.asarray(piece.present).sum(axis=1)
         told = _sum(told, mine, float(present[wanted].sum()))
-        apart = _sum(apart, beside, float(present[others].sum()))
+        beside = _sum(beside, its, float(present[further].sum()))
         first += count
     scores, moved = np.concatenate(blocks), np.asarray(sensitivity)
     if chosen is not None:
-        told, apart = _placed(told, asked, every), _placed(apart, asked, every)
+        told, beside = _placed(told, asked, every), _placed(beside, asked, every)
         scores, moved = _columns(scores, asked, every), _columns(moved, asked, every)
     return Pass(
         told,
-        apart,
+        beside,
         _ahead(path, chunks),
         scores,
         np.concatenate(density),
         np.concatenate(whitened),
         moved,
     )
+
+
+def _piece(rows: Bool[np.ndarray, " sample"], first: int, count: int) -> Bool[np.ndarray, " piece"]:
+    """Which rows of a chunk are meant; what fills it up beyond the flight never is."""
+    part = rows[first : first + count]
+    return np.pad(part, (0, count - part.size))
 
 
 def _nothing(size: int) -> Told:

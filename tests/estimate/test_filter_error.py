@@ -353,7 +353,7 @@ def test_a_search_that_leads_nowhere_begins_on_another_stretch(monkeypatch) -> N
 
         def settle(*given, **how) -> Settled:
             lefts.append(stretches[len(lefts)][0])
-            rest = (nothing, every, (0.0,))
+            rest = (nothing, every, ~every, (0.0,))
             return Settled(np.zeros(1), FIRST.log_noise, *rest, ended=False, left=lefts[-1])
 
         def climbed(model, like, settled, *given) -> Scored:

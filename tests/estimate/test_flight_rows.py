@@ -54,3 +54,27 @@ def test_stretches_differ_by_half_and_the_liveliest_is_first(flight: flight_rows
     moved = [np.ptp(np.asarray(part.rows.controls)[:, 0, 0]) > 0.0 for part, _ in parts]
     assert moved[0]
     assert not all(moved)
+
+
+def test_states_are_found_after_a_while_and_so_again_where_they_were_lost(
+    flight: flight_rows.Flight,
+) -> None:
+    size, step = 1200, np.full(1200, 0.02)
+    step[0] = 0.0
+    blind, unbelieved = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    blind[300:325] = blind[600:900] = blind[910:920] = True  # half a second, six, and a fifth
+    unbelieved[450:550] = True  # its sensors lead it
+    rows = flight.rows._replace(step=step, modelled=~(blind | unbelieved), inertial=~blind)
+    found = flight_rows.Flight(rows, flight.nominal, flight.beginning).found
+    # Two seconds after the beginning, and after the second, of which the first is not lost yet.
+    changes = np.flatnonzero(np.diff(found.astype(int))) + 1
+    np.testing.assert_allclose(changes, [100, 650, 1000], atol=1)
+
+
+def test_where_nothing_is_flown_blind_nothing_is_lost_later(flight: flight_rows.Flight) -> None:
+    silent = np.arange(len(flight.rows.step)) % 5 != 0
+    rows = flight.rows._replace(modelled=np.ones_like(silent), inertial=~silent)
+    found = flight_rows.Flight(rows, flight.nominal, flight.beginning).found
+    passed = np.cumsum(rows.step) >= flight_rows.FINDING
+    np.testing.assert_array_equal(found, passed)
+    assert 0 < passed.sum() < passed.size

@@ -82,10 +82,12 @@ def test_a_search_without_rest_begins_anew_on_another_stretch(monkeypatch) -> No
         def turns(model, part, first, beliefs, counts, turns, progress, **how) -> Settled:
             values = np.asarray(ravel_pytree(first.means)[0])
             if not how:
-                return Settled(values, first.log_noise, NOTHING, counts, (), ended=True)
+                return Settled(values, first.log_noise, NOTHING, counts, ~counts, (), ended=True)
             left = lefts[len(begun_at) - 1]
             values = np.full_like(values, len(begun_at))
-            return Settled(values, first.log_noise, NOTHING, counts, (), ended=False, left=left)
+            return Settled(
+                values, first.log_noise, NOTHING, counts, ~counts, (), ended=False, left=left
+            )
 
         monkeypatch.setattr(settling, "STRETCH", made.COUNT // 4)
         monkeypatch.setattr(settling, "_neared", neared)

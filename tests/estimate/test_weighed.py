@@ -118,12 +118,12 @@ def test_it_says_less_than_scores_at_held_gains_promise(ended) -> None:
 
 
 def test_rows_apart_say_what_they_say_and_move_nothing(by, ended) -> None:
-    half = np.arange(made.COUNT) < (FLIGHT.finding + made.COUNT) // 2
+    half = np.cumsum(FLIGHT.found) <= FLIGHT.found.sum() // 2
     # From where the whole flight ended: for so short a one, instruments made elsewhere would serve.
     mine, told = climbed(by, half, settling.at(ended.settled, KNOWN.means))
     assert told
     assert mine.settled.fitted.sum() == mine.settled.apart.sum() > 0
-    assert not (mine.settled.fitted | mine.settled.apart)[: FLIGHT.finding].any()
+    assert not (mine.settled.fitted | mine.settled.apart)[~FLIGHT.found].any()
     both = mine.told.matrix + mine.apart.matrix
     ratio = np.diagonal(both)[DERIVATIVES] / np.diagonal(ended.told.matrix)[DERIVATIVES]
     np.testing.assert_array_less(ratio, 2.0)

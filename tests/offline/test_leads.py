@@ -29,7 +29,7 @@ USUAL = np.array([0.1, 0.01, 0.005, 0.0, 0.02])
 
 def settled(values: np.ndarray) -> Settled:
     every = np.ones(3, dtype=bool)
-    return Settled(values, SILENT.mean, Mock(spec=Pass), every, (), ended=True)
+    return Settled(values, SILENT.mean, Mock(spec=Pass), every, ~every, (), ended=True)
 
 
 def test_what_is_off_by_more_than_is_ordinary_stands_out_the_farthest_first() -> None:

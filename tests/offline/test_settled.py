@@ -37,7 +37,8 @@ def ended(off: dict[str, float], *, at_rest: bool = True) -> Settled:
         values[NAMES.index(name)] = value
     last = Mock(spec=Pass, log_likelihood=np.zeros(3))
     fitted = np.ones(3, dtype=bool)
-    return Settled(values, SILENT.mean, last, fitted, (0.0,), at_rest, 0.0 if at_rest else 900.0)
+    rows = fitted, ~fitted
+    return Settled(values, SILENT.mean, last, *rows, (0.0,), at_rest, 0.0 if at_rest else 900.0)
 
 
 def begun(monkeypatch, *ends: Settled) -> tuple[Settled, list[Beliefs], list[str]]:

@@ -294,19 +294,19 @@ def test_rows_set_apart_and_rows_that_count_make_the_whole(flight) -> None:
     np.testing.assert_allclose(whole.blocks.sum(axis=0), whole.told.score, rtol=1e-6, atol=1e-6)
 
 
-def test_rows_that_are_skipped_count_for_neither(flight) -> None:
+def test_rows_of_neither_count_for_nobody(flight) -> None:
     like = made.unknowns(1.0)
     path = settled(flight, like.means)
     every, late = np.ones(made.COUNT, dtype=bool), np.arange(made.COUNT) >= 100
     asked = (made.MODEL, like.means, like.log_noise, path)
     whole = causal.passed(*asked, every)
-    kept, dropped = causal.passed(*asked, every, skipped=100), causal.passed(*asked, late)
-    np.testing.assert_allclose(kept.told.matrix, dropped.told.matrix, rtol=1e-9, atol=1e-9)
+    kept, both = causal.passed(*asked, late, apart=~every), causal.passed(*asked, late)
+    np.testing.assert_allclose(kept.told.matrix, both.told.matrix, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(kept.blocks, whole.blocks)
     assert not kept.apart.matrix.any()
     assert kept.apart.count == 0.0
-    assert kept.told.count + dropped.apart.count == whole.told.count
-    beside = causal.passed(*asked, ~every, skipped=100)
+    assert kept.told.count + both.apart.count == whole.told.count
+    beside = causal.passed(*asked, ~every, apart=late)
     np.testing.assert_allclose(beside.apart.matrix, kept.told.matrix, rtol=1e-9, atol=1e-9)
 
 
