@@ -25,6 +25,7 @@ from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.likelihood import Curvature, Instruments
 from gcs_sysid.estimate.scoring import Point
 from gcs_sysid.estimate.settling import Beliefs, Settled
+from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Means
 from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
@@ -44,6 +45,9 @@ MOST_DOUBT = 4.0
 """Where scores and likelihood disagree by more than two deviations of each unknown, on average, the
 flight is no flight of this model, and says nothing of it (see `Weighed.doubt`). By chance alone the
 scores at the truth promise half a nat an unknown."""
+ANOTHER_TUBE = 0.1
+"""Share by which the lag of a pitot tube changes at most for the same instruments: made where there
+was none they say of a lag of 0.1 s half of what it tells, and of its delay a thirtieth."""
 SLACK = 0.5
 """A step may lose so much [nat]: scores are not the likelihood's slope."""
 DOUBLED = 7
@@ -197,6 +201,8 @@ def climbed(
             if grown < 0.5 * ENOUGH:
                 break
         gained = search.density(here) - before
+        if not search.serves(used, here):
+            continue
         if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
     done = causal.passed(model, *search.unknowns(here), here.path, counts, apart=apart)
@@ -317,6 +323,14 @@ class _Search:
     def using(self, asked: Instruments) -> _Using:
         """Instruments, ready to be used at every step nearby."""
         return _Using(asked, *self._moved(asked, self._counts), self._shares(asked))
+
+    def serves(self, used: _Using, point: Point) -> bool:
+        """Whether instruments tell of a point, and not of a tube that lags otherwise."""
+        made, here = (
+            float(aided.tube_lag(self._model.aircraft, each.means.sensors))
+            for each in (used.asked.about, self.unknowns(point))
+        )
+        return abs(here - made) < ANOTHER_TUBE * made
 
     def quadratic(
         self, used: _Using, point: Point

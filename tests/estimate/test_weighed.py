@@ -15,6 +15,7 @@ from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs
 from gcs_sysid.estimate.weighed import Relation, Weighed
+from gcs_sysid.model import aided
 from gcs_sysid.reconstruct import aided_smoother, causal
 from tests.estimate import made_flight as made
 
@@ -187,3 +188,25 @@ def test_instruments_that_lead_nowhere_are_made_anew(by, ended) -> None:
     assert found.settled.ended
     (mean, deviation), (other, _) = posterior(ended), posterior(found)
     np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
+
+
+def test_what_a_tube_tells_of_its_lag_is_told_where_the_lag_is() -> None:
+    """Instruments that were made without a lag say of one of 0.1 s what they say of 0.2 s."""
+    still = jnp.log(jnp.asarray(0.03))
+    quiet = KNOWN.log_noise._replace(airspeed=still, airspeed_error=still)
+    flight, begun = made.made_flight(0.1, quiet), KNOWN._replace(log_noise=quiet)
+    lag = np.flatnonzero(np.asarray(ravel_pytree(made.unknowns(1.0, 0.1).means)[0]) != FLAT)
+    sizes = np.where(np.arange(FLAT.size) == lag, 0.2, SIZES)
+    loose = Beliefs(FLAT, np.diag(sizes**2), Prior(quiet, beliefs().noise.sigma))
+    relation = weighed.relation(made.MODEL, flight, begun, loose)
+    told: list[str] = []
+    found = weighed.climbed(made.MODEL, flight, [begun], loose, EVERY, relation, told.append)
+    ended = settling.at(found.settled, begun.means)
+    assert 0.05 < float(ended.means.sensors.airspeed_lag) < 0.15
+    made_at, there = (
+        float(aided.tube_lag(made.AIRCRAFT, each.means.sensors))
+        for each in (found.asked.about, ended)
+    )
+    assert there == pytest.approx(made_at, rel=weighed.ANOTHER_TUBE)
+    # The first were of another tube, however little was left to gain with them.
+    assert any(line.startswith("step 2.") for line in told)
