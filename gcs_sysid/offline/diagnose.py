@@ -36,7 +36,7 @@ from gcs_sysid.offline import (
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
 from gcs_sysid.offline.identify import FLIGHT_IDS
-from gcs_sysid.offline.investigation import Kept
+from gcs_sysid.offline.inquiry import Kept
 from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.observed import observed
 from gcs_sysid.offline.tested import Tested

@@ -27,7 +27,8 @@ from gcs_sysid.offline import (
 )
 from gcs_sysid.offline import diagnosis_entries as entries
 from gcs_sysid.offline.flight import SERVO_STREAM, Flight, Progress
-from gcs_sysid.offline.investigation import Investigation, Kept
+from gcs_sysid.offline.inquiry import Kept
+from gcs_sysid.offline.investigation import Investigation
 from gcs_sysid.offline.tested import Tested
 
 

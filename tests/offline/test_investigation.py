@@ -16,7 +16,7 @@ from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
-from gcs_sysid.offline import investigation
+from gcs_sysid.offline import inquiry, investigation, question
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.question import Answer, Trial
@@ -24,10 +24,11 @@ from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 from tests.offline.made_aircraft import small
 
 
-class Question:
+class Question(question.Question):
     """Two favourites one after the other; who wants to know of the second is stopped."""
 
     listed, every = listed(), EVERY
+    __setattr__ = object.__setattr__
 
     def __init__(self) -> None:
         self.turns = 0
@@ -55,14 +56,20 @@ class Question:
         return [Answer(one.causes, (), information, information) for one in asked]
 
 
-class Asked:
+class Asked(question.Asked):
     """Stands for what flights are asked."""
 
-    def __init__(self, *_given: object) -> None:
-        self.flown = ()
+    flown = ()
 
     def question(self) -> Question:
         return Question()
+
+
+def asked_of(monkeypatch, one: Question) -> None:
+    """Whatever flights are asked is this."""
+    asked = Mock(spec=question.Asked, flown=(), flights=(None,), aircraft=None)
+    asked.question.return_value = one
+    monkeypatch.setattr(investigation, "Asked", lambda *_: asked)
 
 
 def test_a_delay_is_reckoned_with_whole() -> None:
@@ -71,8 +78,8 @@ def test_a_delay_is_reckoned_with_whole() -> None:
     every = replace(listed(), beside={name: own})
     mean = np.zeros(len(every.names))
     mean[[every.names.index(name), every.names.index(own)]] = 0.05, 0.04
-    assert investigation._freed(every, EVERY[:1], mean) == {name: pytest.approx(0.09)}
-    assert investigation._freed(listed(), EVERY[:1], mean) == {name: pytest.approx(0.05)}
+    assert inquiry._freed(every, EVERY[:1], mean) == {name: pytest.approx(0.09)}
+    assert inquiry._freed(listed(), EVERY[:1], mean) == {name: pytest.approx(0.05)}
 
 
 def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) -> None:
@@ -141,7 +148,7 @@ def test_when_the_file_is_tried_as_right(
     accuracies: list[float],
     stands: float,
 ) -> None:
-    question = Restless(*ends)
+    asking = Restless(*ends)
 
     def believed(accuracy: float, evidence: float) -> Ranked:
         found = Posterior(np.zeros(7), np.eye(7), evidence)
@@ -149,15 +156,13 @@ def test_when_the_file_is_tried_as_right(
 
     loose, right = believed(1.0, 0.0), believed(RIGHT, np.log(ACCURACIES[1.0]) - behind)
     right = replace(right, prior=right.prior / ACCURACIES[RIGHT])
-    monkeypatch.setattr(
-        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
-    )
-    monkeypatch.setattr(investigation, "rank", lambda *_: (loose,))
-    monkeypatch.setattr(investigation, "with_a_right_file", lambda *_: right)
+    asked_of(monkeypatch, asking)
+    monkeypatch.setattr(inquiry, "rank", lambda *_: (loose,))
+    monkeypatch.setattr(inquiry, "with_a_right_file", lambda *_: right)
     unread = Flight.__new__(Flight)
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (unread,), (True,), (), lambda _text, _share: None)
-    assert question.accuracies == accuracies
+    assert asking.accuracies == accuracies
     assert over.value.args[0].log_likelihood == stands
 
 
@@ -171,7 +176,7 @@ def test_of_many_causes_the_strongest_is_set_free_first_far_from_rest(left: floa
 
     def first(tested: set[frozenset[Candidate]], known: tuple[Candidate, ...] = ()) -> Ranked:
         there = replace(standing, causes=known)
-        return investigation._strongest_first(there, best, listed(), NONE_NEEDED, tested)
+        return inquiry._strongest_first(there, best, listed(), NONE_NEEDED, tested)
 
     if done.ended:
         assert first(set()) is best
@@ -203,20 +208,18 @@ def test_sizes_of_servos_are_not_moved_on_where_the_flight_is_far_less_likely(
     stands: float,
 ) -> None:
     """What is wrong beside a lag makes it seem longer at every size with which it is reckoned."""
-    question = Restless(*((likelihood, 2.0) for likelihood in ends))
+    asking = Restless(*((likelihood, 2.0) for likelihood in ends))
     monkeypatch.setattr(Restless, "with_servos", lambda self, _found: self, raising=False)
-    monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
+    monkeypatch.setattr(inquiry.quantities, "build", lambda *_: None)
     wanted = iter(sizes)
     found = Posterior(np.zeros(7), np.eye(7), 0.0)
     best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, RIGHT)
+    asked_of(monkeypatch, asking)
     monkeypatch.setattr(
-        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
-    )
-    monkeypatch.setattr(
-        *(investigation.quantities, "servo_sizes"),
+        *(inquiry.quantities, "servo_sizes"),
         lambda _values, _before, *within, **_: None if within else next(wanted),
     )
-    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    monkeypatch.setattr(inquiry, "rank", lambda *_: (best,))
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
     assert over.value.args[0].log_likelihood == stands
@@ -227,22 +230,20 @@ def test_servos_are_tried_where_they_are_before_other_causes_are_weighed(
     monkeypatch, ends: tuple[float, ...], stands: float
 ) -> None:
     """As long as sizes move, and the flight grows more probable by it."""
-    question = Restless(*((likelihood, 2.0) for likelihood in ends))
+    asking = Restless(*((likelihood, 2.0) for likelihood in ends))
     built: list[object] = []
     nearer = iter(({"lag.elevator": 0.15}, {"lag.elevator": 0.2}, None))
     monkeypatch.setattr(Restless, "with_servos", lambda self, _found: self, raising=False)
-    monkeypatch.setattr(investigation.quantities, "build", lambda *given: built.append(given[2]))
+    monkeypatch.setattr(inquiry.quantities, "build", lambda *given: built.append(given[2]))
     monkeypatch.setattr(
-        *(investigation.quantities, "servo_sizes"),
+        *(inquiry.quantities, "servo_sizes"),
         lambda _values, _before, *within, **_: next(nearer) if within else None,
     )
     best = Ranked(
         (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
     )
-    monkeypatch.setattr(
-        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
-    )
-    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
+    asked_of(monkeypatch, asking)
+    monkeypatch.setattr(inquiry, "rank", lambda *_: (best,))
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
     assert over.value.args[0].log_likelihood == stands
@@ -259,17 +260,17 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
             one = super().tried
             return [one(telling, [each], relations, every, accuracy, sets)[0] for each in asked]
 
-    question = Named((5.0, 2.0), (0.0, 2.0), (3400.0, 2.0))
+    asking = Named((5.0, 2.0), (0.0, 2.0), (3400.0, 2.0))
     nearer = iter(({"lag.elevator": 0.15}, None))
     for name, stub in (("with_servos", lambda self, _: self), ("at", lambda *_: [])):
         monkeypatch.setattr(Named, name, stub, raising=False)
-    monkeypatch.setattr(investigation.quantities, "build", lambda *_: None)
+    monkeypatch.setattr(inquiry.quantities, "build", lambda *_: None)
     monkeypatch.setattr(
-        *(investigation.quantities, "servo_sizes"),
+        *(inquiry.quantities, "servo_sizes"),
         lambda _values, _before, *within, **_: next(nearer) if within else None,
     )
     twin = other_names.Renamed((EVERY[1],), EVERY[1], np.zeros(7))
-    monkeypatch.setattr(investigation.other_names, "renamed", lambda *_: twin)
+    monkeypatch.setattr(inquiry.other_names, "renamed", lambda *_: twin)
     best = Ranked(
         (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
     )
@@ -279,10 +280,8 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
         asked_for.append(needed)
         return (best,)
 
-    monkeypatch.setattr(
-        investigation, "Asked", lambda *_: Mock(flown=(), question=lambda: question)
-    )
-    monkeypatch.setattr(investigation, "rank", ranked)
+    asked_of(monkeypatch, asking)
+    monkeypatch.setattr(inquiry, "rank", ranked)
     with pytest.raises(Over) as over:
         investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
     assert over.value.args[0].log_likelihood == 3400.0
@@ -319,16 +318,15 @@ def test_a_search_without_rest_is_refused_with_what_stood_out(monkeypatch) -> No
         def missing(self, _standing: Answer) -> tuple[None, float]:
             return None, 0.0
 
-    def investigated(question: Ended) -> object:
-        asked = Mock(flown=(), question=lambda: question)
-        monkeypatch.setattr(investigation, "Asked", lambda *_: asked)
+    def investigated(asking: Ended) -> object:
+        asked_of(monkeypatch, asking)
         unread = Flight.__new__(Flight)
         return investigation.investigate(small(), (unread,), (True,), (), lambda *_: None)
 
     found = Posterior(np.zeros(7), np.eye(7), 0.0)
     best = Ranked((EVERY[0],), *(0.1, 1.0, 9.0), ((),), found, RIGHT)
-    monkeypatch.setattr(investigation, "rank", lambda *_: (best,))
-    monkeypatch.setattr(investigation, "_with_a_right_file", lambda *_: None)
+    monkeypatch.setattr(inquiry, "rank", lambda *_: (best,))
+    monkeypatch.setattr(inquiry, "_with_a_right_file", lambda *_: None)
     monkeypatch.setattr(investigation, "Investigation", Built)
     assert isinstance(investigated(Ended(restless=False)), Built)
     with pytest.raises(RestlessError) as refusal:

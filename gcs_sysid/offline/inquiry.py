@@ -1,0 +1,385 @@
+"""Which causes are put to the test, one set after the other, until the favourite stays.
+
+Every flight is settled under the simulation's own beliefs; its innovations and their sensitivities
+then weigh all causes at once, by linear algebra. What that favours is put to the test: the flights
+are settled again with it set free, and everything is weighed about that point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from gcs_sysid.diagnose.aided import other_names, quantities
+from gcs_sysid.diagnose.aided.other_names import Renamed
+from gcs_sysid.diagnose.aided.ranking import (
+    NONE_NEEDED,
+    RIGHT,
+    Needed,
+    density,
+    rank,
+    with_a_right_file,
+)
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.diagnose.verdict import INCREDIBLE
+from gcs_sysid.estimate.weighed import SETS
+from gcs_sysid.offline.flight import Progress
+from gcs_sysid.offline.question import FIRST_SETS, REFUTED, Answer, Asked, Question, Telling, Trial
+
+ROUNDS = 6
+"""Times that favourites are put to the test."""
+RESIZED = 3
+"""Times that the same causes are tried with the sizes of servos' changes moved on."""
+ROUGHLY = 0.03
+"""Share within which such a size is right enough to weigh other causes about it."""
+AT_ONCE = 2
+"""So many causes more are set free at most where the search without them found no rest."""
+WORTH = 30.0
+"""A file that is right but for more causes is looked into where it has less evidence by so much at
+most, about a point that was found with the file as loose as it seemed [nat]."""
+Kept = Callable[[tuple[Ranked, ...]], None]
+"""Takes sets of causes as they are ranked so far, the most probable first."""
+
+
+def unkept(_ranked: tuple[Ranked, ...]) -> None:
+    """For those who want the end only."""
+
+
+class _Favourite(NamedTuple):
+    """Causes that are to be set free.
+
+    Attributes:
+        best: the causes, and with which accuracy of the file.
+        accuracy: of the file's aerodynamics, in its sigmas.
+        sizes: of servos' changes that are new to be reckoned with; None where those are near.
+        again: whether the same causes were tried before.
+        sets: times that instruments are used at most in a search with them.
+    """
+
+    best: Ranked
+    accuracy: float
+    sizes: dict[str, float] | None
+    again: bool
+    sets: int
+
+
+class _Tried(NamedTuple):
+    """What was tried for a favourite.
+
+    Attributes:
+        trial: flights searched with the likelier of its names.
+        question: that was asked.
+        sizes: of servos' changes with which it was.
+        twin: the favourite by its other name, where that was tried as well.
+        won: by how much it is likelier than by the first name [nat].
+        sets: of causes that were tried.
+    """
+
+    trial: Answer
+    question: Question
+    sizes: dict[str, float]
+    twin: Renamed | None
+    won: float
+    sets: list[frozenset[Candidate]]
+
+
+class Inquiry:
+    """Flights, and where they stand with the causes that were put to the test so far.
+
+    Args:
+        asked: what questions are asked of.
+        progress: told what is being done.
+        kept: takes every ranking on the way.
+
+    Attributes:
+        question: as it is asked now.
+        every: all causes.
+        leads: what stood out of each flight where it was begun.
+        standing: flights where the likeliest trial ended.
+        ranked: sets of causes weighed there, the most probable first.
+        reached: sizes of servos' changes with which was reckoned.
+        farthest: by how many of its sigmas the size of a favourite was off that was not believed;
+            0 where none was.
+    """
+
+    def __init__(self, asked: Asked, progress: Progress, kept: Kept) -> None:
+        self._asked, self._kept, self._progress = asked, kept, progress
+        self._flights = len(asked.flights)
+        self.question = asked.question()
+        self.every = self.question.every
+        self.reached = dict[str, float]()
+        self.farthest = 0.0
+        self._tested: set[frozenset[Candidate]] = {frozenset()}
+        self._needed = NONE_NEEDED
+        # A file that is right in all else was tried; sizes moved on lost the flight.
+        self._right = self._overshot = False
+        self._begin()
+
+    def _begin(self) -> None:
+        flying = self.telling("flying the simulation along", 0)
+        self.question, begun = self.question.begun(flying)
+        self.leads = self.question.leads(begun)
+        flying("working out how errors show", self._flights - 1)
+        relations = self.question.relations(begun)
+        # Where a cause stands out at once, what is left to gain without it is of no use.
+        self.standing = self.question.answered(flying, (), begun, relations, sets=1)
+        self._weigh()
+        self._roughly = bool(self.ranked[0].causes)
+        if not self._roughly:
+            self._rest()
+
+    def search(self) -> None:
+        """Puts favourites to the test until one stays."""
+        for turn in range(1, ROUNDS + 1):
+            favourite = self._favourite()
+            if favourite is None or not self._put_to_the_test(favourite, turn):
+                break
+        if self._roughly and not self.standing.causes:
+            self._rest()
+
+    def telling(self, doing: str, turn: int) -> Telling:
+        """Tells of a flight in one of the `ROUNDS`."""
+        steps = self.steps
+        return lambda text, number: self._progress(
+            f"{doing}: {text}", (self._flights * turn + number) / steps
+        )
+
+    @property
+    def steps(self) -> int:
+        """Of which progress is told."""
+        return self._flights * (1 + ROUNDS)
+
+    def _weigh(self) -> None:
+        told = self.standing.information
+        self.ranked = rank(told, self.question.listed, self.every, self._needed)
+        self._kept(self.ranked)
+
+    def _rest(self) -> None:
+        """Flights searched on without any cause."""
+        flying = self.telling("flying the simulation along", 0)
+        self.standing = self.question.rested(flying, self.standing)
+        self._weigh()
+
+    def _favourite(self) -> _Favourite | None:
+        """What is to be tried next; None where the favourite stays."""
+        listed = self.question.listed
+        best = _strongest_first(self.standing, self.ranked[0], listed, self._needed, self._tested)
+        # What is only part of the favourite is on the way to it, and not to be searched to the end.
+        sets = SETS if best is self.ranked[0] else FIRST_SETS
+        sizes = _sizes(listed, best, self.reached, overshot=self._overshot)
+        again = frozenset(best.causes) in self._tested and sizes is None
+        if again:
+            if self._right:
+                return None
+            other = _with_a_right_file(self.standing, best, listed, self.every, self._needed)
+            if other is None:
+                return None
+            best, self._right = other, True
+            sizes = _sizes(listed, best, self.reached, overshot=self._overshot)
+        accuracy = min(best.accuracy, RIGHT) if self._right else best.accuracy
+        return _Favourite(best, accuracy, sizes, again, sets)
+
+    def _put_to_the_test(self, favourite: _Favourite, turn: int) -> bool:
+        """Whether there is more to try after it."""
+        listed, standing = self.question.listed, self.standing
+        tried = self._tried(favourite, turn)
+        trial = tried.trial
+        lost = standing.log_likelihood - trial.log_likelihood
+        if lost > REFUTED and any(tried.sizes[name] != self.reached[name] for name in self.reached):
+            # Reckoned with other sizes of the same servos it says nothing of the causes.
+            self._overshot = True
+            return True
+        self._tested |= set(tried.sets)
+        calmer = trial.left < standing.left and lost <= REFUTED and not standing.ended
+        if favourite.again and not (
+            calmer or _likelier(trial, standing, listed, self.every, self._needed)
+        ):
+            return False
+        found = _found(tried.question.listed, trial, favourite.accuracy)
+        off = listed.farthest(trial.causes, found)
+        if off >= INCREDIBLE:
+            # It stands in for what is in no catalogue, which is to be looked for without it.
+            self.farthest = off
+            return False
+        if tried.twin is not None and tried.won > REFUTED:
+            self._needed = Needed((tried.twin.other,), tried.won)
+        more = all(cause in trial.causes for cause in standing.causes)
+        if lost > REFUTED and not more:
+            self._needed = Needed(standing.causes, lost)
+        else:
+            self.standing, self.question, self.reached = trial, tried.question, tried.sizes
+        self._weigh()
+        return True
+
+    def _tried(self, favourite: _Favourite, turn: int) -> _Tried:
+        """Flights searched with a favourite, by either name, at the sizes that it turns out at."""
+        best, accuracy, sizes, _, sets = favourite
+        listed, standing = self.question.listed, self.standing
+        asking, acting = self.question, _acting(listed, best.causes)
+        if sizes is not None or acting != listed.acting.keys():
+            asking = self._reckoned(self.reached if sizes is None else sizes, acting)
+        asking = asking.at_delays_of(best.causes)
+        foretold = listed.alone(best.causes, best.posterior.mean)
+        near = standing if asking is self.question else None
+        asked_for = [Trial(best.causes, standing.settled, foretold, near)]
+        twin = other_names.renamed(best.causes, foretold, listed, self.every)
+        if twin is not None and not (
+            frozenset(twin.causes) in self._tested or set(self._needed.causes) - set(twin.causes)
+        ):
+            # Not from where they stood: what goes by the one name there would keep it.
+            renamed = self.question.at(standing.settled, twin.values)
+            asked_for.append(Trial(twin.causes, renamed, None, near))
+        telling = self.telling("trying", turn)
+        trials = asking.tried(telling, asked_for, standing.relations, self.every, accuracy, sets)
+        trial = max(trials, key=lambda one: one.log_likelihood)
+        won = trial.log_likelihood - trials[0].log_likelihood
+        moved_on = self._where_it_is(asking, trial, sizes or self.reached, telling, accuracy, sets)
+        return _Tried(*moved_on, twin, won, [frozenset(one.causes) for one in asked_for])
+
+    def _where_it_is(
+        self,
+        asking: Question,
+        trial: Answer,
+        sizes: dict[str, float],
+        telling: Telling,
+        accuracy: float,
+        sets: int,
+    ) -> tuple[Answer, Question, dict[str, float]]:
+        """The same causes with servos' changes at sizes moved on, as long as it gains.
+
+        Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
+        place of one of 0.1 s left over, by 340 nats.
+        """
+        acting = _acting(self.question.listed, trial.causes)
+        for _ in range(0 if self._overshot else RESIZED):
+            own = _freed(asking.listed, trial.causes, _found(asking.listed, trial, accuracy))
+            nearer = quantities.servo_sizes(own, sizes, ROUGHLY, acting)
+            if nearer is None:
+                break
+            there = self._reckoned(nearer, acting).at_delays_of(trial.causes)
+            going_on = [Trial(trial.causes, trial.settled, None, None)]
+            by = trial.relations
+            (further,) = there.tried(telling, going_on, by, self.every, accuracy, sets)
+            if further.log_likelihood < trial.log_likelihood:
+                break
+            trial, asking, sizes = further, there, nearer
+        return trial, asking, sizes
+
+    def _reckoned(self, sizes: Mapping[str, float], acting: AbstractSet[str]) -> Question:
+        """The question with servos' changes of these sizes."""
+        asked = self._asked
+        return self.question.with_servos(
+            quantities.build(asked.aircraft, asked.flown, sizes, acting)
+        )
+
+
+def _strongest_first(
+    standing: Answer,
+    best: Ranked,
+    listed: Unknowns,
+    needed: Needed,
+    tested: AbstractSet[frozenset[Candidate]],
+) -> Ranked:
+    """The favourite, or with many causes more than were free what explains most with one more.
+
+    Where a search ended far from rest, all that is seen from there is a long way off, and causes
+    that are not there make up for what a large one overshoots. Late commands in ArduPlane's flight
+    came with an elevator's lag and an inertia that are not there; the search with all of them
+    stood still 5 000 nats below where that with what is there ends.
+    """
+    known = set(standing.causes)
+    if standing.ended or len(set(best.causes) - known) <= AT_ONCE:
+        return best
+    found = rank(standing.information, listed, best.causes, needed, {best.accuracy: 1.0})
+    near = (one for one in found if len(set(one.causes) - known) <= 1)
+    return next((one for one in near if frozenset(one.causes) not in tested), best)
+
+
+def _with_a_right_file(
+    standing: Answer,
+    best: Ranked,
+    listed: Unknowns,
+    every: Sequence[Candidate],
+    needed: Needed,
+) -> Ranked | None:
+    """Causes to be tried with a file that is right in all else; None where that is no question.
+
+    Derivatives that are as free as a loose file leaves them take part of what is wrong upon
+    themselves: two causes in a file that is 10 % wrong, or five in one that is right. Which of both
+    it is a search with either must tell. Where a search finds no rest with the file as loose as it
+    seems, its aerodynamics may have gone where they stand in for what is wrong.
+    """
+    if not best.causes or best.accuracy <= RIGHT:
+        return None
+    told = standing.information
+    other = with_a_right_file(told, listed, every, needed)
+    if other.causes and density(told, other) > density(told, best) - WORTH:
+        return other
+    return None if standing.ended else best
+
+
+def _likelier(
+    trial: Answer,
+    standing: Answer,
+    listed: Unknowns,
+    every: Sequence[Candidate],
+    needed: Needed,
+) -> bool:
+    """Whether flights are more probable with the best set of causes about one end than the other.
+
+    Each measurement counts for as much in either.
+    """
+    count = min(trial.information.count, standing.information.count)
+    there, here = (
+        one.information.weighed(count / one.information.count) for one in (trial, standing)
+    )
+    best = (density(told, rank(told, listed, every, needed)[0]) for told in (there, here))
+    return next(best) > next(best)
+
+
+def _found(listed: Unknowns, trial: Answer, accuracy: float) -> Float[np.ndarray, " unknown"]:
+    """What flights say of all unknowns where they were searched with causes set free."""
+    return listed.as_accurate(accuracy).estimated(trial.information, trial.causes).mean
+
+
+def _acting(listed: Unknowns, causes: Sequence[Candidate]) -> set[str]:
+    """Lags and delays that causes free, of which it is known what more of them does."""
+    freed = {name for one in causes for name in one.frees}
+    return {name for name in freed if f"{quantities.MORE}{name}" in listed.names}
+
+
+def _sizes(
+    listed: Unknowns, best: Ranked, reached: Mapping[str, float], *, overshot: bool
+) -> dict[str, float] | None:
+    """With which sizes of servos' changes to reckon from now on; None where those are near enough.
+
+    Args:
+        listed: all unknowns.
+        best: the favourite.
+        reached: with which was reckoned so far.
+        overshot: whether the flight was far less likely with sizes moved on from there, so that
+            these stay. What is wrong beside a lag can make it seem longer wherever it is taken.
+    """
+    own = _freed(listed, best.causes, best.posterior.mean)
+    sizes = quantities.servo_sizes(own, reached, acting=listed.acting)
+    if sizes is None or not overshot:
+        return sizes
+    kept = {**sizes, **reached}
+    return kept if kept.keys() > reached.keys() else None
+
+
+def _freed(
+    listed: Unknowns, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]
+) -> dict[str, float]:
+    """Values of the quantities that causes free, with what is ordinarily off in the same way."""
+    found = {}
+    for name in (name for candidate in causes for name in candidate.frees):
+        parts = [name, *([listed.beside[name]] if name in listed.beside else [])]
+        found[name] = float(sum(values[listed.names.index(each)] for each in parts))
+    return found
