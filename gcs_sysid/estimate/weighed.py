@@ -171,7 +171,8 @@ def climbed(
         search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
     ]
     here = max(begun, key=search.density)
-    used = search.using(search.instruments(here) if asked is None else asked)
+    serving = asked is not None and search.serves(asked, here)
+    used = search.using(asked if serving else search.instruments(here))
     history, left = [here.log_likelihood], 0.0
     for number in range(sets):
         if number:
@@ -201,7 +202,7 @@ def climbed(
             if grown < 0.5 * ENOUGH:
                 break
         gained = search.density(here) - before
-        if not search.serves(used, here):
+        if not search.serves(used.asked, here):
             continue
         if (left < NEAR and gained < FAR) or (made_here and gained < ENOUGH):
             break
@@ -324,11 +325,11 @@ class _Search:
         """Instruments, ready to be used at every step nearby."""
         return _Using(asked, *self._moved(asked, self._counts), self._shares(asked))
 
-    def serves(self, used: _Using, point: Point) -> bool:
+    def serves(self, asked: Instruments, point: Point) -> bool:
         """Whether instruments tell of a point, and not of a tube that lags otherwise."""
         made, here = (
             float(aided.tube_lag(self._model.aircraft, each.means.sensors))
-            for each in (used.asked.about, self.unknowns(point))
+            for each in (asked.about, self.unknowns(point))
         )
         return abs(here - made) < ANOTHER_TUBE * made
 

@@ -210,3 +210,10 @@ def test_what_a_tube_tells_of_its_lag_is_told_where_the_lag_is() -> None:
     assert there == pytest.approx(made_at, rel=weighed.ANOTHER_TUBE)
     # The first were of another tube, however little was left to gain with them.
     assert any(line.startswith("step 2.") for line in told)
+    # Nor do those with a lag serve a search that begins without one.
+    another = weighed.climbed(
+        *(made.MODEL, flight, [begun], loose, ~EVERY, relation, told.append),
+        found.asked,
+        sets=1,
+    )
+    assert another.asked.about.same(begun)
