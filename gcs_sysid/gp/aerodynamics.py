@@ -219,7 +219,10 @@ class Beyond:
         inputs = jnp.stack([jnp.asarray(flow[name]) for name in self.inputs], axis=-1)
         flat = (inputs.reshape((-1, len(self.inputs))) - self.centre[None, :]) / self.spread[None]
         found = posterior.mean(self.process, flat) * self.unit[None, :]
-        six = jnp.zeros((flat.shape[0], len(COEFFICIENTS))).at[:, self.columns].set(found)
+        # One by one: a scatter is a loop of its own in every step of a simulation.
+        column = dict(zip(self.columns, found.T, strict=True))
+        nothing = jnp.zeros(flat.shape[0])
+        six = jnp.stack([column.get(place, nothing) for place in range(len(COEFFICIENTS))], axis=-1)
         return six.reshape((*inputs.shape[:-1], len(COEFFICIENTS)))
 
 

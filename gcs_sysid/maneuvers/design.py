@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from gcs_sysid import parallel
 from gcs_sysid.aircraft import Aircraft, Envelope
 from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel
@@ -263,12 +264,13 @@ def _proof(at: Condition, maneuver: Maneuver, generator: np.random.Generator) ->
     most = envelope.allowed_to_leave(LANES * TRIALS)
     counts: dict[str, int] = {}
     left = flights = 0
-    for trial in range(TRIALS):
+
+    def tried(trial: int, own: np.random.Generator) -> dict[str, Bool[np.ndarray, " draw"]]:
         fleet = at.simulator.settle(flown.lanes(at.drawn, trial * LANES), at.trim)
-        path = at.fly(
-            fleet, full, _air(at.aircraft, at.trim, at.gust, generator, samples=LEAD + rows)
-        )
-        found = envelope.broken(path, at.allowed, at.aircraft)
+        air = _air(at.aircraft, at.trim, at.gust, own, samples=LEAD + rows)
+        return envelope.broken(at.fly(fleet, full, air), at.allowed, at.aircraft)
+
+    for found in parallel.ahead(tried, range(TRIALS), generator.spawn(TRIALS)):
         for name, which in found.items():
             counts[name] = counts.get(name, 0) + int(which.sum())
         left += int(np.any(np.stack(list(found.values())), axis=0).sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -273,6 +274,7 @@ def _move(
     wanted = own.controls - hold.gain @ change + hold.unwinding * now.wound + added[:-1]
     commanded = jnp.asarray(_to_surfaces(aircraft)) @ wanted
     given = _inputs(aircraft, now, gust, density)
+    aircraft = _learned_held(aircraft, rigid_body.flow(aircraft, values, now.state, given))
     acting = rigid_body.loads(aircraft, values, now.state, given)
     through = frames.unrotate(now.state.attitude, now.state.velocity - gust[:3])
     speed, alpha, beta = frames.flow_angles(through)
@@ -297,6 +299,18 @@ def _move(
     wound = now.wound - STEP * own.integrating * (hold.winding @ change)
     moved = _followed(aircraft, now.surfaces, asked)
     return _Motion(ahead, moved, asked, settings, wound), seen
+
+
+def _learned_held(aircraft: Aircraft, flow: Mapping[str, Array]) -> Aircraft:
+    """The aircraft with what was learned beyond its terms as it is in one flow.
+
+    Asked at every stage of a step it is nine tenths of what a flight costs; it changes little in
+    20 ms.
+    """
+    if aircraft.beyond is None:
+        return aircraft
+    found = aircraft.beyond(flow)
+    return replace(aircraft, beyond=lambda _: found)
 
 
 def _described(state: State) -> Array:

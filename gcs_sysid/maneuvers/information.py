@@ -169,14 +169,31 @@ def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
 
 def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
     """Covariance of the terms once rows were added; with none it is the fit's."""
-    regressor = np.asarray(fit.deviations.get("regressor", np.zeros(len(fit.keys))))
-    return _bent(fit, regressor, added) if np.any(regressor) else _by_bayes(fit, added)
+    regressor = _regressor(fit)
+    if np.any(regressor):
+        return _bent(fit, regressor, added, scale=_scale(fit))
+    _, lag, stays = _parts(fit)
+    return changeable(fit, added) + lag + stays
 
 
-def _by_bayes(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
-    """Where regressors are free of errors: information adds up, and what stays is put aside."""
-    noise, lag, stays = _parts(fit)
-    return updated(noise, added.information) + lag + stays
+def changeable(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
+    """What of that more flight takes away: as if mass, inertia, thrust and the lag were known.
+
+    Where regressors are free of errors information adds up.
+    """
+    regressor = _regressor(fit)
+    if np.any(regressor):
+        return _bent(fit, regressor, added, scale=np.zeros(len(fit.keys)))
+    noise, _, _ = _parts(fit)
+    return updated(noise, added.information)
+
+
+def _regressor(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
+    return np.asarray(fit.deviations.get("regressor", np.zeros(len(fit.keys))))
+
+
+def _scale(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
+    return np.asarray(fit.deviations.get("scale", np.zeros(len(fit.keys))))
 
 
 def _parts(fit: CoefficientFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -194,21 +211,26 @@ def _parts(fit: CoefficientFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _bent(
-    fit: CoefficientFit, regressor: Float[np.ndarray, " term"], added: Added
+    fit: CoefficientFit,
+    regressor: Float[np.ndarray, " term"],
+    added: Added,
+    *,
+    scale: Float[np.ndarray, " term"],
 ) -> Float[np.ndarray, "term term"]:
-    """Where errors of the regressors pull: deviations by the laws of the module, one by one."""
+    """Where errors of the regressors pull: deviations by the laws of the module, one by one.
+
+    `scale` is what errors of mass, inertia and thrust leave.
+    """
     now = np.diagonal(fit.covariance)
-    noise, scale = (
-        np.asarray(fit.deviations.get(name, np.zeros(now.size))) ** 2 for name in ("noise", "scale")
-    )
-    raw = noise + scale + regressor**2
+    noise = np.asarray(fit.deviations.get("noise", np.zeros(now.size))) ** 2
+    raw = noise + _scale(fit) ** 2 + regressor**2
     believed = np.maximum(1.0 / np.maximum(now, 1e-300) - 1.0 / np.maximum(raw, 1e-300), 0.0)
     root = np.sqrt(np.maximum(now, 1e-300))
     correlated = fit.covariance / np.outer(root, root)
     start = np.sqrt(noise)
     later = np.diagonal(updated(correlated * np.outer(start, start), added.information))
     pulled = _pulled(fit, regressor, later / np.maximum(noise, 1e-300), added.samples)
-    after = 1.0 / (1.0 / np.maximum(later + scale + pulled**2, 1e-300) + believed)
+    after = 1.0 / (1.0 / np.maximum(later + scale**2 + pulled**2, 1e-300) + believed)
     # Rounding must not make knowledge shrink, and a prior's share is counted once.
     size = np.sqrt(np.minimum(after, now))
     return correlated * np.outer(size, size)
@@ -272,8 +294,7 @@ def lasting(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
     They make all terms wrong by one factor, so that they lie along one direction d. Of d dᵀ as
     much counts as the covariance holds, t ≤ 1/(dᵀ Σ⁻¹ d): a prior may know it better.
     """
-    size = fit.deviations.get("scale", np.zeros(len(fit.keys)))
-    along = np.sign(fit.value) * size
+    along = np.sign(fit.value) * _scale(fit)
     ridge = 1e-12 * np.diag(np.diagonal(fit.covariance))
     reach = float(along @ np.linalg.solve(fit.covariance + ridge, along))
     return np.outer(along, along) * min(1.0, 1.0 / max(reach, 1e-300))

@@ -60,6 +60,10 @@ class Separation(Target):
         """Of the size of the first, see the module."""
         return (1.0 / max(apart(model, known, self.pair), 1e-300),)
 
+    def stated(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
+        """The same: mass and inertia are among the causes."""
+        return self.variances(model, known)
+
 
 def separation(model: AeroModel, words: str, pair: Pair, unit: str = "1") -> Separation:
     """The question which of two causes it is.

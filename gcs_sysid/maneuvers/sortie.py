@@ -20,8 +20,8 @@ CAREFUL = (0.25, 0.5)
 POOR = 0.15
 """A model is poor where a derivative that matters is known worse than to this part of itself."""
 LEAST_WORTH = 0.01
-"""A sortie ends where the next maneuver would make no deviation smaller by this part: what is left
-are errors of mass and inertia, which no maneuver takes away."""
+"""A maneuver is left out that would make no stated deviation smaller by this part, and a sortie ends
+where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
 MATTERS = 0.1
 """Share of a coefficient's variation from which on a derivative matters."""
 
@@ -140,12 +140,15 @@ def planned(
     known, steps, used = start, [], 0.0
     careful = CAREFUL if poor(model) else ()
     while maneuvers:
-        left = [item for item in maneuvers if used + _cost(item, steps, careful) <= budget]
+        left = [
+            item
+            for item in maneuvers
+            if used + _cost(item, steps, careful) <= budget
+            and target.stated_worth(model, known, item.knowledge()) >= LEAST_WORTH
+        ]
         if not left:
             break
-        best, most = _best(target, model, known, left)
-        if most < LEAST_WORTH:
-            break
+        best = _best(target, model, known, left)
         first = not any(step.maneuver is best for step in steps)
         for share in (*(careful if first else ()), 1.0):
             later = information.with_more(known, best.knowledge(), share=share)
@@ -156,10 +159,8 @@ def planned(
     return Sortie(tuple(steps), used, covariances(model, start), covariances(model, known))
 
 
-def _best(
-    target: Target, model: AeroModel, known: Knowledge, left: Sequence[Maneuver]
-) -> tuple[Maneuver, float]:
-    """The maneuver that is worth most for its time, and its worth.
+def _best(target: Target, model: AeroModel, known: Knowledge, left: Sequence[Maneuver]) -> Maneuver:
+    """The maneuver that is worth most for its time.
 
     What the mean information is worth is never less than the mean worth (Jensen), so that only the
     first few by that bound need be weighed aircraft by aircraft.
@@ -176,7 +177,7 @@ def _best(
         one = robust_worth(target, model, known, left[place], before=before) / cost(left[place])
         if one > rate:
             best, rate = left[place], one
-    return best, rate * cost(best)
+    return best
 
 
 def covariances(model: AeroModel, known: Knowledge) -> Covariances:

@@ -3,12 +3,14 @@
 A question is a quadratic form E over the terms of one coefficient: the variance asked about is
 tr(E Σ). One derivative is E = e eᵀ; a coefficient over a region of the envelope is the mean of x xᵀ
 over regressors x of the region. Worth is Σ ½ log(tr(E Σ)/tr(E Σ′)): halving a standard deviation is
-worth log 2, whichever it is.
+worth log 2, whichever it is. Σ there is what flying can change: what is not known of mass, inertia
+and the moments' lag is the same after every maneuver, and with it in Σ a coefficient whose inertia
+is poorly known would never be flown for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +19,9 @@ from jaxtyping import Float
 from gcs_sysid import regressors
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate import basis
-from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.information import Knowledge
+from gcs_sysid.maneuvers.information import Added, Knowledge
 
 POINTS = 400
 """Points drawn in a region."""
@@ -62,20 +64,40 @@ class Target:
         """
         if before is None:
             before = self.variances(model, known)
-        later = {name: known[name].with_more(more[name]) for name in self.coefficients}
-        after = self.variances(model, later)
-        return 0.5 * sum(
-            float(np.log(max(one, 1e-300) / max(other, 1e-300)))
-            for one, other in zip(before, after, strict=True)
-        )
+        return _shrunk(before, self.variances(model, self._later(known, more)))
+
+    def stated_worth(self, model: AeroModel, known: Knowledge, more: Knowledge) -> float:
+        """The same of what will be stated: near nothing where no flight changes what is left."""
+        later = self._later(known, more)
+        return _shrunk(self.stated(model, known), self.stated(model, later))
+
+    def _later(self, known: Knowledge, more: Knowledge) -> Knowledge:
+        return {name: known[name].with_more(more[name]) for name in self.coefficients}
 
     def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
-        """What is asked about, once so much was added to the fits."""
-        found = []
-        for name, forms in self.questions.items():
-            covariance = information.covariance(model.fits[name], known[name])
-            found += [float(np.sum(form * covariance)) for form in forms]
-        return tuple(found)
+        """What flying can change of what is asked about, once so much was added to the fits."""
+        return self._forms(model, known, information.changeable)
+
+    def stated(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
+        """What is asked about as it will be stated, with what no flight changes."""
+        return self._forms(model, known, information.covariance)
+
+    def _forms(
+        self, model: AeroModel, known: Knowledge, of: Callable[[CoefficientFit, Added], np.ndarray]
+    ) -> tuple[float, ...]:
+        return tuple(
+            float(np.sum(form * covariance))
+            for name, forms in self.questions.items()
+            for covariance in (of(model.fits[name], known[name]),)
+            for form in forms
+        )
+
+
+def _shrunk(before: Sequence[float], after: Sequence[float]) -> float:
+    return 0.5 * sum(
+        float(np.log(max(one, 1e-300) / max(other, 1e-300)))
+        for one, other in zip(before, after, strict=True)
+    )
 
 
 def derivatives(model: AeroModel, coefficients: tuple[str, ...]) -> Target:

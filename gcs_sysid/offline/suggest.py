@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gcs_sysid import atmosphere
+from gcs_sysid import atmosphere, parallel
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate.result import AeroModel
@@ -20,6 +20,7 @@ from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
 from gcs_sysid.maneuvers.information import Knowledge
+from gcs_sysid.maneuvers.recipes import Recipe
 from gcs_sysid.maneuvers.separation import Separation
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
@@ -257,17 +258,24 @@ def _sized(
 ) -> tuple[list[tuple[Maneuver, Condition]], list[Refusal]]:
     """Every recipe that excites what is asked for, as large as it is safe."""
     found, refused = [], []
-    for number, at in enumerate(conditions):
-        for recipe in recipes.every(at.place()):
-            if not set(recipe.coefficients) & set(target.coefficients):
-                continue
-            share = number / len(conditions)
-            progress(f"{recipe.kind} at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
-            one = design.sized(at, recipe)
-            if isinstance(one, Refusal):
-                refused.append(one)
-            else:
-                found.append((one, at))
+
+    def jobs() -> Iterator[tuple[Condition, Recipe]]:
+        for number, at in enumerate(conditions):
+            for recipe in recipes.every(at.place()):
+                if set(recipe.coefficients) & set(target.coefficients):
+                    share = number / len(conditions)
+                    progress(f"{recipe.kind} at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
+                    yield at, recipe
+
+    def tried(job: tuple[Condition, Recipe]) -> tuple[Maneuver | Refusal, Condition]:
+        at, recipe = job
+        return design.sized(at, recipe), at
+
+    for one, at in parallel.ahead(tried, jobs()):
+        if isinstance(one, Refusal):
+            refused.append(one)
+        else:
+            found.append((one, at))
     return found, refused
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import linalg
 
+from gcs_sysid.aircraft import Value
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import file_sigmas, suspects
@@ -98,6 +101,37 @@ def test_the_attitude_hold_has_the_bandwidth_that_servos_allow(at) -> None:
     assert effect[0, 3] == pytest.approx(fast)
     assert effect[1, 4] == pytest.approx(fast)
     assert np.linalg.eigvals(at.linear.held).real.max() < 0.0
+
+
+def test_what_was_learned_beyond_the_terms_acts_as_a_term_would(at) -> None:
+    """It is held for a step: the motion is that of the same effect written as a term."""
+    lift = -1.5
+    term = replace(
+        aircraft().aerodynamics["CZ"],
+        terms={**aircraft().aerodynamics["CZ"].terms, "alpha^2": Value(20.0 * lift, 0.0)},
+    )
+
+    def learned(flow: Mapping[str, jax.Array]) -> jax.Array:
+        none = jnp.zeros_like(flow["alpha"])
+        found = 20.0 * lift * flow["alpha"] ** 2
+        return jnp.stack([none, none, found, none, none, none], axis=-1)
+
+    written = replace(aircraft(), aerodynamics={**aircraft().aerodynamics, "CZ": term})
+    moved = pulses(at, 6.0)
+    moved[:, 1] = 0.06 * np.sin(2.0 * np.pi * 1.2 * STEP * np.arange(moved.shape[0]))
+    flights = []
+    for one in (written, replace(aircraft(), beyond=jax.tree_util.Partial(learned)), aircraft()):
+        level = trim.find(one, 22.0, 100.0, 1.2)
+        simulator = Simulator(one)
+        drawn = flown.draws(one, AeroModel({}, ()), np.random.default_rng(0), LANES)
+        fleet = simulator.settle(drawn, level)
+        air = np.zeros((LANES, moved.shape[0] + flown.LEAD, 6))
+        found = simulator.fly(fleet, holding.linearised(at.aircraft, level), 1.2, moved, air)
+        flights.append(found.load_factor[0])
+    wanted, held, without = flights
+    assert np.std(without - wanted) > 0.05 * np.std(wanted)
+    # Half a step late: 10 ms of 1.2 Hz are 0.075 of it.
+    assert np.std(held - wanted) < 0.1 * np.std(without - wanted)
 
 
 def test_drawn_aircraft_fly_level_each_with_its_own_controls(at) -> None:
@@ -266,6 +300,21 @@ def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
         assert np.all(np.diagonal(later) <= np.diagonal(before[name]) * (1.0 + 1e-9))
     sure = model(relative=1e-6)
     assert sortie.planned(known, sure, items, budget=300.0).steps == ()
+
+
+def test_nothing_is_flown_for_what_only_an_inertia_leaves_unsure(planned) -> None:
+    """Cm known but for its inertia: what is flown is for the rolling and yawing moments alone."""
+    fits = dict(model().fits)
+    exact = model(relative=1e-3).fits["Cm"]
+    fits["Cm"] = replace(
+        exact,
+        covariance=exact.covariance + np.outer(0.1 * exact.value, 0.1 * exact.value),
+        deviations={**exact.deviations, "scale": 0.1 * np.abs(exact.value)},
+    )
+    unsure = AeroModel(fits, model().controls)
+    known = targets.derivatives(unsure, ("Cl", "Cm", "Cn"))
+    plan = sortie.planned(known, unsure, list(planned.values()), budget=300.0)
+    assert {step.maneuver.recipe.name for step in plan.steps} == {"aileron_rudder_multisine"}
 
 
 def test_what_half_of_the_aircraft_learn_nothing_from_is_not_flown_first(planned) -> None:

@@ -97,6 +97,25 @@ def test_a_lag_that_all_flights_share_stays_too() -> None:
         assert found.derivatives[key][1] == pytest.approx(lag[index], rel=1e-2)
 
 
+def test_what_flying_can_change_is_what_is_left_were_inertia_and_lag_known() -> None:
+    lag, scale = 0.02 * np.abs(VALUE), 0.05 * np.abs(VALUE)
+    whole = COVARIANCE + np.outer(lag, lag) + np.outer(0.05 * VALUE, 0.05 * VALUE)
+    made = fitted(whole, scale)
+    filtered = replace(made, deviations={**made.deviations, "lag": lag})
+    more = information.Added(3.0 * np.linalg.inv(COVARIANCE), 100.0)
+    found = np.sqrt(np.diagonal(information.changeable(filtered, more)))
+    # The filter's parts are told apart term by term, with the correlation of the whole.
+    np.testing.assert_allclose(found, 0.5 * np.sqrt(np.diagonal(COVARIANCE)), rtol=0.02)
+    bent = pulled(0.2)
+    heavy = replace(bent, deviations={**bent.deviations, "scale": scale})
+    heavy = replace(heavy, covariance=bent.covariance + np.outer(0.05 * VALUE, 0.05 * VALUE))
+    known = information.changeable(replace(bent, covariance=heavy.covariance), more)
+    left = information.changeable(heavy, more)
+    stated = information.covariance(heavy, more)
+    np.testing.assert_allclose(np.diagonal(left), np.diagonal(known), rtol=1e-9)
+    np.testing.assert_allclose(np.diagonal(stated - left), scale**2, rtol=1e-9)
+
+
 def test_a_prior_that_knows_the_inertia_better_is_not_forgotten() -> None:
     model = AeroModel({"Cm": fitted(COVARIANCE, 10.0 * np.abs(VALUE))}, ())
     found = gain(model, VALUES, information.SAMPLE)

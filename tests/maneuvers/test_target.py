@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,22 @@ def test_all_derivatives_count_alike_and_the_constant_does_not() -> None:
     assert len(known.questions["Cm"]) == 3
     added = np.diag(3.0 / np.diagonal(BEFORE["Cm"]))
     assert known.worth(model(), NOTHING, more(added)) == pytest.approx(3 * np.log(2.0))
+
+
+def test_what_no_flight_changes_makes_a_maneuver_worth_no_less() -> None:
+    """Inertia known to 30 % beside noise of 5 %: what is stated hardly shrinks, what is told does."""
+    fit = model().fits["Cm"]
+    heavy = replace(
+        fit,
+        covariance=fit.covariance + np.outer(0.3 * fit.value, 0.3 * fit.value),
+        deviations={**fit.deviations, "scale": 0.3 * np.abs(fit.value)},
+    )
+    unsure = replace(model(), fits={**model().fits, "Cm": heavy})
+    known = targets.derivative(unsure, "Cm", "qhat")
+    added = more(np.diag(3.0 / np.diagonal(fit.covariance)))
+    assert known.worth(unsure, NOTHING, added) == pytest.approx(np.log(2.0), rel=0.05)
+    stated = 0.5 * np.log((0.3**2 + 0.05**2) / (0.3**2 + 0.05**2 / 4.0))
+    assert known.stated_worth(unsure, NOTHING, added) == pytest.approx(stated, rel=0.05)
 
 
 def test_a_region_asks_where_it_is() -> None:
