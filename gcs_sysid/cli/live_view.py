@@ -119,9 +119,15 @@ def _departures(document: Document) -> str:
     """In which coefficients the aircraft file is wrong now, and since when."""
     now = document["time_us"]
     return "the simulation departs: " + ", ".join(
-        f"{name} since {1e-6 * (now - item['since_us']):.0f} s ({item['deviations']:+.1f} sd)"
+        f"{name}{_by(item)} since {1e-6 * (now - item['since_us']):.0f} s "
+        f"({item['deviations']:+.1f} sd)"
         for name, item in document["departures"].items()
     )
+
+
+def _by(departure: Mapping[str, Any]) -> str:
+    """The derivative that is farthest off, where one is named."""
+    return f" by {departure['derivative']}" if departure.get("derivative") else ""
 
 
 def _cause(one: Mapping[str, Any]) -> str:

@@ -20,11 +20,10 @@ from gcs_sysid.diagnose import motion
 from gcs_sysid.diagnose.motion import Motion, Wrong
 from gcs_sysid.diagnose.observed import Observed
 from gcs_sysid.estimate import basis, equation_error
+from gcs_sysid.estimate.suspects import RIGGING
 from gcs_sysid.frames import Array
 from gcs_sysid.reconstruct import rates
 
-RIGGING = float(np.radians(0.5))
-"""Ordinary error of where a surface stands [rad]."""
 CG_SIGMA = 0.01
 """Ordinary error of a weighed centre of gravity [mean chords]."""
 AIRSPEED_SIGMA = 0.01

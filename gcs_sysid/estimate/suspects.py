@@ -7,12 +7,15 @@ such as lags and delays, is in `traces`; noise of the flow is in neither.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import FORCES, MOMENTS, Aircraft, Value
 
+RIGGING = math.radians(0.5)
+"""What a surface ordinarily stands off by [rad]."""
 RATES = frozenset({"phat", "qhat", "rhat", "alphadot_hat"})
 
 

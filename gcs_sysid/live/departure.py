@@ -3,18 +3,25 @@
 Each window's measured coefficients are held against those of the aircraft file at the same flow and
 deflections. What the difference may be without meaning anything is counted in: the noise of the
 measurement, as if a window were one sample, the file's own uncertainty, and that of the flow.
+
+In gusts that no vane sees the last is nearly everything. Once derivatives are known that gusts do
+not bend, these are held against the file's instead, within what both may be off by.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.suspects import RIGGING, file_sigmas, file_values
+from gcs_sysid.live.regression import Solution
 from gcs_sysid.live.simulation import Simulation
 
 BEGIN, END = 3.0, 2.0
@@ -31,13 +38,15 @@ class Departure:
 
     Attributes:
         since: time of the first window [s after the epoch].
-        size: measured less simulated, over the newest window.
+        size: measured less simulated, over the newest window; of the derivative where one is named.
         deviations: the same over what it may be.
+        derivative: regressor of the one that is farthest off; None where coefficients tell.
     """
 
     since: float
     size: float
     deviations: float
+    derivative: str | None = None
 
 
 @dataclass
@@ -46,10 +55,30 @@ class _Watched:
     windows: int = 0
     size: float = 0.0
     deviations: float = 0.0
+    derivative: str | None = None
     departed: float = -math.inf
 
 
-class Departures:
+class _Watch:
+    """What departs of some coefficients, and lately did."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._watched = {name: _Watched() for name in names}
+
+    def told(self) -> dict[str, Departure]:
+        """What departs now."""
+        return {
+            name: Departure(one.since, one.size, one.deviations, one.derivative)
+            for name, one in self._watched.items()
+            if one.since is not None and one.windows >= WINDOWS
+        }
+
+    def lately(self, time: float) -> bool:
+        """Whether something departs, or did within `LATELY_S` before a time [s after the epoch]."""
+        return any(time - one.departed <= LATELY_S for one in self._watched.values())
+
+
+class Departures(_Watch):
     """Watches the coefficients for which the aircraft file has aerodynamics without tables.
 
     Args:
@@ -59,7 +88,7 @@ class Departures:
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._simulation = Simulation(aircraft)
-        self._watched = {name: _Watched() for name in self._simulation.names}
+        super().__init__(self._simulation.names)
 
     def take(self, samples: Samples, kept: slice) -> None:
         """Looks at the rows `kept` of a window."""
@@ -77,17 +106,41 @@ class Departures:
             away = size / float(np.sqrt(np.mean(variance)))
             _judge(self._watched[name], float(samples.time[kept][0]), size, away)
 
-    def told(self) -> dict[str, Departure]:
-        """What departs now."""
-        return {
-            name: Departure(one.since, one.size, one.deviations)
-            for name, one in self._watched.items()
-            if one.since is not None and one.windows >= WINDOWS
-        }
 
-    def lately(self, time: float) -> bool:
-        """Whether something departs, or did within `LATELY_S` before a time [s after the epoch]."""
-        return any(time - one.departed <= LATELY_S for one in self._watched.values())
+class DerivativeDepartures(_Watch):
+    """Watches the derivatives of coefficients that the aircraft file has without tables.
+
+    A constant may be off by what surfaces ordinarily stand off by.
+
+    Args:
+        aircraft: its file.
+    """
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._values, self._sigmas = file_values(aircraft), file_sigmas(aircraft)
+        for (name, key), value in self._values.items():
+            if key in aircraft.control_names:
+                constant = (name, regressors.CONSTANT)
+                sigma = self._sigmas.get(constant, 0.0)
+                self._sigmas[constant] = math.hypot(sigma, RIGGING * value)
+        super().__init__(dict.fromkeys(name for name, _ in self._values))
+
+    def take(self, time: float, found: Mapping[str, Solution]) -> None:
+        """Looks at what is known of the derivatives at a time [s after the epoch]."""
+        for name, watched in self._watched.items():
+            if name not in found:
+                continue
+            known = found[name]
+            believed, sigma = (
+                np.array([part.get((name, key), 0.0) for key in known.keys])
+                for part in (self._values, self._sigmas)
+            )
+            apart = known.value - believed
+            variance = np.diagonal(known.covariance) + sigma**2
+            away = np.abs(apart) / np.sqrt(np.maximum(variance, 1e-300))
+            most = int(np.argmax(away))
+            _judge(watched, time, float(apart[most]), float(away[most]))
+            watched.derivative = known.keys[most]
 
 
 def scale_variance(

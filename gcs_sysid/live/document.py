@@ -52,10 +52,10 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
     alone = station.model.solutions(believing=False)
     taught = {name: one.terms() for name, one in alone.items()}
     learned = processes.document(station.processes, here(station))
-    departs = station.departures.told()
     outside, now_us = bare(station, around), around.now_us
     within = inside(station, now_us)
     keeps_up = within["age_s"] is not None and within["age_s"] <= FRESH_S
+    departures = station.departed_inside if keeps_up else station.departures
     return {
         **outside,
         "time_us": None
@@ -75,11 +75,12 @@ def document(station: Station, around: Outside) -> dict[str, Any]:
                 "since_us": None if epoch is None else epoch + round(one.since * 1e6),
                 "size": one.size,
                 "deviations": one.deviations,
+                "derivative": one.derivative,
             }
-            for name, one in departs.items()
+            for name, one in departures.told().items()
         },
-        "causes": causes(station, alone)
-        if newest is not None and station.departures.lately(newest.row.time)
+        "causes": causes(station, station.inside.known.derivatives if keeps_up else alone)
+        if newest is not None and departures.lately(newest.row.time)
         else [],
         "alarms": [*alarms(station, now_us), *outside["alarms"]],
         "maneuver": station.maneuvers.document(taught, epoch),
@@ -191,7 +192,7 @@ def inside(station: Station, now_us: int | None) -> dict[str, Any]:
                 strict=True,
             )
         },
-        "derivatives": _told(known.derivatives),
+        "derivatives": _told({name: one.terms() for name, one in known.derivatives.items()}),
     }
 
 
@@ -267,7 +268,11 @@ def alarms(station: Station, now_us: int | None) -> list[dict[str, Any]]:
 
 
 def causes(station: Station, alone: Mapping[str, Solution]) -> list[dict[str, Any]]:
-    """Likely causes of what departs, the likeliest first; `alone` is what the flight says."""
+    """Likely causes of what departs, the likeliest first; `alone` is what the flight says.
+
+    What the filter with the aerodynamics inside knows holds the file's values too: they pull toward
+    the file, so that a cause shows later for it and never for nothing.
+    """
     found = likely(station.aircraft, alone)
     return [
         {

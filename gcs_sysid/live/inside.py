@@ -18,14 +18,14 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.estimate import in_common, scoring
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live import inside_fit, inside_known
 from gcs_sysid.live.inside_fit import Found, Task
 from gcs_sysid.live.inside_known import Fed, Known, Learned, Newest
 from gcs_sysid.live.inside_rows import BATCH
-from gcs_sysid.live.regression import TermEstimate
+from gcs_sysid.live.regression import Solution
 from gcs_sysid.model import aided
 from gcs_sysid.model.aided import Row, State
 from gcs_sysid.model.flight_model import FlightModel
@@ -130,7 +130,7 @@ class Inside:
             troubles=self._troubles,
             trouble=self._trouble,
             newest=newest,
-            derivatives={} if running is None else _derivatives(running),
+            derivatives={} if running is None else _derivatives(running, self._aircraft),
             excess=np.nan if running is None else running.excess,
             state={} if self._learned is None else inside_known.state(self._learned),
         )
@@ -233,10 +233,11 @@ class Inside:
         return self._filtering(self._learned, begun, none)
 
 
-def _derivatives(running: AidedFilter) -> dict[str, dict[str, TermEstimate]]:
-    """Derivatives by coefficient and regressor.
+def _derivatives(running: AidedFilter, aircraft: Aircraft) -> dict[str, Solution]:
+    """Derivatives by coefficient.
 
-    As after the flight, the lag of the moments is believed to `scoring.TIMING` at best.
+    As after the flight, the lag of the moments is believed to `scoring.TIMING` at best, and all
+    derivatives of a coefficient are wrong by one factor as mass or inertia is.
     """
     means, covariance = running.means, running.covariance
     keys = in_common.derivative_keys(means.aerodynamics)
@@ -244,8 +245,11 @@ def _derivatives(running: AidedFilter) -> dict[str, dict[str, TermEstimate]]:
     sought = np.diagonal(covariance) > 0.0
     for lag in np.flatnonzero(scoring.marked(means, ("moment_lag",)) & sought):
         covariance = scoring.timed(covariance, int(lag))
-    deviation = np.sqrt(np.maximum(np.diagonal(covariance)[: len(keys)], 0.0))
-    out: dict[str, dict[str, TermEstimate]] = {}
-    for (name, key), value, spread in zip(keys, values, deviation, strict=True):
-        out.setdefault(name, {})[key] = TermEstimate(float(value), float(spread))
+    out = {}
+    for name in dict.fromkeys(name for name, _ in keys):
+        rows = [place for place, (own, _) in enumerate(keys) if own == name]
+        body = aircraft.mass.inertia_sigma if name in MOMENTS else aircraft.mass.mass_sigma
+        factor = body * values[rows]
+        spread = covariance[np.ix_(rows, rows)] + np.outer(factor, factor)
+        out[name] = Solution(tuple(keys[place][1] for place in rows), values[rows], spread)
     return out

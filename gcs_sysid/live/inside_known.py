@@ -20,7 +20,7 @@ from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live.inside_fit import first_terms
 from gcs_sysid.live.inside_rows import Batch
-from gcs_sysid.live.regression import TermEstimate
+from gcs_sysid.live.regression import Solution
 from gcs_sysid.model.aided import Means, Noise, Sensors
 from gcs_sysid.model.air import Turbulence
 from gcs_sysid.offline.aided_flight import Kinematics
@@ -69,7 +69,7 @@ class Known(NamedTuple):
         troubles: how often it failed otherwise, and began anew.
         trouble: the last time, why.
         newest: None before there is any.
-        derivatives: by coefficient and regressor; empty before they are known.
+        derivatives: by coefficient; empty before they are known.
         excess: squares of the last innovations over what they should be; not a number before.
         state: what of it outlasts the program, as arrays by name.
     """
@@ -80,7 +80,7 @@ class Known(NamedTuple):
     troubles: int = 0
     trouble: str = ""
     newest: Newest | None = None
-    derivatives: Mapping[str, Mapping[str, TermEstimate]] = MappingProxyType({})
+    derivatives: Mapping[str, Solution] = MappingProxyType({})
     excess: float = math.nan
     state: Mapping[str, np.ndarray] = MappingProxyType({})
 

@@ -19,7 +19,7 @@ from gcs_sysid.live.alarms import Alarms
 from gcs_sysid.live.choice import measured
 from gcs_sysid.live.coefficients import KEPT, CoefficientWindow
 from gcs_sysid.live.commands import CommandMaps, Commands
-from gcs_sysid.live.departure import Departures
+from gcs_sysid.live.departure import Departures, DerivativeDepartures
 from gcs_sysid.live.envelope_map import EnvelopeMap
 from gcs_sysid.live.failures import Failures
 from gcs_sysid.live.filter import Estimate, LiveFilter
@@ -91,6 +91,7 @@ class Station:
         self.processes = Processes(aircraft, believing=prior is not None)
         self.inside = InsideFeed(aircraft, self.commands, prior, inside)
         self.departures = Departures(aircraft)
+        self.departed_inside = DerivativeDepartures(aircraft)
         self.alarms = Alarms(self.commands.watched)
         self.map = EnvelopeMap(aircraft)
         self.maneuvers = ManeuverWatch(aircraft)
@@ -109,6 +110,7 @@ class Station:
         self._clock_us = clock_us
         self._observer = observer
         self._troubles = 0
+        self._known_at = -math.inf
         self._waiting: deque[Sample] = deque()
 
     @property
@@ -228,6 +230,9 @@ class Station:
             self.failures.note("feeding the filter with the aerodynamics inside", error)
             self.inside.clear()
         known = self.inside.known
+        if known.newest is not None and known.newest.time > self._known_at:
+            self._known_at = known.newest.time
+            self.departed_inside.take(known.newest.time, known.derivatives)
         if known.troubles > self._troubles:
             self._troubles = known.troubles
             error = RuntimeError(known.trouble)

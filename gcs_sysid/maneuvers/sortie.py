@@ -20,8 +20,8 @@ CAREFUL = (0.25, 0.5)
 POOR = 0.15
 """A model is poor where a derivative that matters is known worse than to this part of itself."""
 LEAST_WORTH = 0.01
-"""A maneuver is left out that would make no stated deviation smaller by this part, and a sortie ends
-where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
+"""A maneuver is left out that would make no stated deviation smaller by this part, and a sortie
+ends where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
 MATTERS = 0.1
 """Share of a coefficient's variation from which on a derivative matters."""
 

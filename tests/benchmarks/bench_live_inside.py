@@ -4,7 +4,8 @@ Flights of `bench_filter_error.py --told wrong`: an Aerosonde of our own simulat
 every derivative 30 % too large or too small, by lot, and says so. Each goes through a station as
 `listen` has it, the filter in the same process: the minute that is fitted is fitted at once, which
 live takes a minute or two more. Judged on another of these flights, at the air that the aircraft
-felt. Minutes a flight; results are kept in out/live_inside.
+felt. Mass and inertia are as the file has them, which it is told to be sure of: intervals are those
+of what a flight tells. Minutes a flight; results are kept in out/live_inside.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import os
 import sys
 import time as clock
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,7 @@ from gcs_sysid.live import inside_fit, warming  # noqa: E402
 from gcs_sysid.live.inside import Inside  # noqa: E402
 from gcs_sysid.live.inside_fit import Found, Task  # noqa: E402
 from gcs_sysid.live.inside_known import Known  # noqa: E402
-from gcs_sysid.live.regression import TermEstimate  # noqa: E402
+from gcs_sysid.live.regression import Solution, TermEstimate  # noqa: E402
 from gcs_sysid.live.station import Compiled, Station  # noqa: E402
 from gcs_sysid.sources import tlog  # noqa: E402
 from gcs_sysid.sources.stream import FrameStream  # noqa: E402
@@ -76,11 +78,16 @@ def normalised(aircraft: Aircraft, found: Terms) -> list[float]:
     ]
 
 
+def _terms(found: Mapping[str, Solution]) -> Terms:
+    return {name: one.terms() for name, one in found.items()}
+
+
 def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) -> dict[str, Any]:
     """One flight through a station."""
     flown(folder, seed, OWN)
     true, fits = known(folder), []
-    believed = told("wrong", aircraft, seed)
+    sure = replace(aircraft, mass=replace(aircraft.mass, mass_sigma=0.0, inertia_sigma=0.0))
+    believed = told("wrong", sure, seed)
 
     def fit(task: Task) -> Found | None:
         fits.append(inside_fit.fitted(task))
@@ -108,7 +115,7 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
         if newest is None:
             continue
         second = time_us * 1e-6 + 1.0
-        begun = begun or inside.derivatives
+        begun = begun or _terms(inside.derivatives)
         at = newest.time + (station.rows.epoch_us or 0) * 1e-6
         kinematic = station.newest.flow if station.newest is not None else np.full(3, np.nan)
         flow.append([newest.time, at, *newest.flow, *newest.deviation, *kinematic])
@@ -118,7 +125,8 @@ def listened(folder: Path, seed: int, aircraft: Aircraft, compiled: Compiled) ->
     )
     off, plain = rows[:, 2:5] - right, rows[:, 8:11] - right
     last = station.inside.known
-    terms = dict(zip(SCORED, (begun, last.derivatives, station.model.estimates()), strict=True))
+    ended = _terms(last.derivatives)
+    terms = dict(zip(SCORED, (begun, ended, station.model.estimates()), strict=True))
     return {
         "seed": seed,
         "fits": len(fits),

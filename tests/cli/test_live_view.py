@@ -106,6 +106,8 @@ def test_a_simulation_that_departs_is_told_with_its_time() -> None:
     words = "the simulation departs: Cm since 12 s (+4.3 sd)"
     assert words in live_view.line(told)
     assert words in shown(told)
+    departs["Cm"]["derivative"] = "elevator"
+    assert "Cm by elevator since 12 s" in live_view.line(told)
 
 
 def test_alarms_causes_the_maneuver_and_what_to_fly_are_told() -> None:

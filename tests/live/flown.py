@@ -1,4 +1,4 @@
-"""`gcs-sysid listen` as a process of its own, fed over loopback; and flights played without one."""
+"""`gcs-sysid listen` as a process of its own, fed over loopback; flights played without; files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+
+from gcs_sysid.aircraft import Aircraft
 
 PATIENCE_S = 120.0
 """Longer than compiling takes on a busy computer."""
@@ -87,3 +90,17 @@ def play(
                 time.sleep(wait)
             sender.sendto(frame, ("127.0.0.1", port))
             yield time.monotonic(), frame
+
+
+def sure(aircraft: Aircraft, share: float) -> Aircraft:
+    """The aircraft by a file that knows each of its derivatives to a share of its value."""
+    models = {
+        name: replace(
+            model,
+            terms={
+                key: replace(one, sigma=share * abs(one.value)) for key, one in model.terms.items()
+            },
+        )
+        for name, model in aircraft.aerodynamics.items()
+    }
+    return replace(aircraft, aerodynamics=models)

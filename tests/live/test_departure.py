@@ -9,7 +9,8 @@ import pytest
 
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value
 from gcs_sysid.estimate.coefficients import Samples
-from gcs_sysid.live.departure import BEGIN, WINDOWS, Departures
+from gcs_sysid.live.departure import BEGIN, WINDOWS, Departures, DerivativeDepartures
+from gcs_sysid.live.regression import Solution
 
 ROWS = 32
 ALL = slice(0, ROWS)
@@ -85,3 +86,51 @@ def test_what_is_not_known_does_not_accuse(simulated: Aircraft, parts: dict[str,
     off = 1.05 * BEGIN * np.hypot(NOISE, SIGMA * 0.11)
     assert after(simulated, WINDOWS, off=off).told()
     assert after(simulated, WINDOWS, off=off, **parts).told() == {}
+
+
+def found(slope: float, *, constant: float = 0.02, sd: float = 0.03) -> dict[str, Solution]:
+    """Derivatives of Cm as a filter knows them."""
+    value = np.array([constant, slope, -1.0])
+    return {"Cm": Solution(("1", "alpha", "elevator"), value, np.diag([1e-6, sd**2, sd**2]))}
+
+
+@pytest.fixture
+def steered(simulated: Aircraft) -> Aircraft:
+    """With an elevator whose effect the file knows to a tenth."""
+    terms = {**simulated.aerodynamics["Cm"].terms, "elevator": Value(-1.0, 0.1)}
+    return replace(simulated, aerodynamics={"Cm": CoefficientModel(terms=terms)})
+
+
+def test_a_derivative_departs_by_more_than_both_may_be_off_by(steered: Aircraft) -> None:
+    watched = DerivativeDepartures(steered)
+    for number in range(WINDOWS):
+        assert watched.told() == {}
+        watched.take(5.0 + number, found(SLOPE + 0.2))
+    told = watched.told()["Cm"]
+    assert (told.since, told.derivative) == (5.0, "alpha")
+    assert told.size == pytest.approx(0.2)
+    assert told.deviations == pytest.approx(0.2 / np.hypot(SIGMA, 0.03))
+    assert watched.lately(30.0)
+    watched.take(9.0, found(SLOPE))
+    assert watched.told() == {}
+    assert not watched.lately(60.0)
+
+
+def test_a_derivative_within_what_file_and_flight_are_unsure_of_departs_not(
+    steered: Aircraft,
+) -> None:
+    watched = DerivativeDepartures(steered)
+    off = 1.05 * BEGIN * np.hypot(SIGMA, 0.03)
+    for number in range(WINDOWS):
+        watched.take(float(number), found(SLOPE + off, sd=0.06))
+    assert watched.told() == {}
+
+
+def test_a_trim_that_ordinary_rigging_explains_departs_not(steered: Aircraft) -> None:
+    """Half a degree of elevator is 0.0087 of Cm: twice that is ordinary, four times is not."""
+    half = np.deg2rad(0.5)
+    for times, departs in ((2.0, False), (4.0, True)):
+        watched = DerivativeDepartures(steered)
+        for number in range(WINDOWS):
+            watched.take(float(number), found(SLOPE, constant=0.02 + times * half))
+        assert bool(watched.told()) == departs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +10,15 @@ import pytest
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.live import station as stations
-from gcs_sysid.live.regression import RunningModel
+from gcs_sysid.live.document import Outside, document
+from gcs_sysid.live.inside_known import Fed, Known, Newest
+from gcs_sysid.live.regression import RunningModel, Solution
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.live.warming import _flight
 from gcs_sysid.model.kinematics import BLOCKS
 from gcs_sysid.recording import NO_AUTOPILOT, Vehicle
 from gcs_sysid.sources.samples import Sample
+from tests.live.flown import sure
 
 PART_S = 6.5
 
@@ -132,3 +135,50 @@ def test_a_window_without_numbers_teaches_nothing(steady: Station) -> None:
         steady._learn(replace(steady.samples, measured=empty))
     for name, one in steady.model.state().items():
         np.testing.assert_array_equal(one, before[name])
+
+
+class Knowing:
+    """A filter that knows its derivatives at every row it is fed."""
+
+    def __init__(self, derivatives: Mapping[str, Solution]) -> None:
+        self.known = Known(derivatives=derivatives)
+
+    def take(self, fed: Fed) -> None:
+        newest = Newest(float(fed.batch.time[-1]), np.array([20.0, 0.1, 0.0]), np.full(3, 0.1))
+        self.known = self.known._replace(phase="known", newest=newest)
+
+    def restore(self, _state: Mapping[str, np.ndarray]) -> None:
+        pytest.fail("nothing was to restore")
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0])
+def test_what_the_filter_inside_knows_says_what_departs_and_why(
+    aircraft: Aircraft, compiled: Compiled, ratio: float
+) -> None:
+    """Kinematics of a made-up flight, which no aerodynamics flew, say nothing of it any more."""
+    aircraft, derivatives = sure(aircraft, 0.05), {}
+    for name, model in aircraft.aerodynamics.items():
+        value = np.array(
+            [one.value * (ratio if key == "elevator" else 1.0) for key, one in model.terms.items()]
+        )
+        spread = np.diag((0.02 * np.abs(value) + 1e-5) ** 2)
+        derivatives[name] = Solution(tuple(model.terms), value, spread)
+    inside = Knowing(derivatives)
+    station = Station(
+        aircraft, compiled, prior=None, vehicle=None, clock_us=lambda: 0, inside=inside
+    )
+    station.take(made(aircraft))
+    station.work(2**62)
+    told = document(station, Outside(link="", phase=""))
+    assert told["derivatives_by"] == "inside the filter"
+    if ratio == 1.0:
+        assert told["departures"] == {}
+        assert told["causes"] == []
+        return
+    assert told["departures"]["Cm"]["derivative"] == "elevator"
+    assert told["departures"]["Cm"]["size"] == pytest.approx(
+        (ratio - 1.0) * aircraft.aerodynamics["Cm"].terms["elevator"].value
+    )
+    (cause,) = told["causes"]
+    assert (cause["cause"], cause["about"]) == ("surface_effectiveness", "elevator")
+    assert cause["size"] == pytest.approx(ratio - 1.0, abs=3.0 * cause["sd"])

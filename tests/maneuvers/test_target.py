@@ -39,7 +39,7 @@ def test_all_derivatives_count_alike_and_the_constant_does_not() -> None:
 
 
 def test_what_no_flight_changes_makes_a_maneuver_worth_no_less() -> None:
-    """Inertia known to 30 % beside noise of 5 %: what is stated hardly shrinks, what is told does."""
+    """Inertia known to 30 %, noise of 5 %: hardly less is stated, much more is known."""
     fit = model().fits["Cm"]
     heavy = replace(
         fit,

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import Aircraft, StreamTiming
+from gcs_sysid.estimate.suspects import RIGGING
 from gcs_sysid.model.aided import ATTITUDE_TILT
 
 SENSORS = {
@@ -35,8 +36,6 @@ MASS, INERTIA, THRUST = 0.02, 0.05, 0.05
 is less sure may well be wrong by more, and that is then what its simulation gets wrong."""
 CG = 0.01
 """Of a weighed centre of gravity [mean chords]."""
-RIGGING = float(np.radians(0.5))
-"""Of where a surface stands [rad]."""
 IMU_PLACE = 0.02
 """Of where the inertial unit sits [m]."""
 IMU_TILT = float(np.radians(0.4))
