@@ -258,6 +258,12 @@ LINES = (
         ),
     ),
     Line(
+        "a minute of suggested maneuvers, deviation of the moments' derivatives over that after "
+        "untuned 3-2-1-1 and doublets / well-timed ones / D-optimal multisines, as long in the air",
+        "0.5 / 0.7 / 1",
+        tuple(Cell("suggested_over", "all", arm) for arm in ("untuned", "well-timed", "d-optimal")),
+    ),
+    Line(
         "UMN Thor, a real flight, nothing believed before: derivatives told / of these, agree with "
         "one of both published models at least",
         "–",
@@ -301,7 +307,7 @@ LINES = (
         apart=", ",
     ),
     Line(
-        "live: memory after less than an hour of flight, growth",
+        "live: memory after an hour of flight, growth",
         "600 MB, none",
         (
             Cell("live-soak", "resident memory", "at the end"),

@@ -120,13 +120,16 @@ def main() -> None:
     if chosen.rounds:
         _show_rounds(chosen)
         return
-    rows = []
+    rows, compared, every = [], [], []
     for name in chosen.aircraft:
         seeds = [
             _finished(chosen.out / f"{name}-{seed}.json", name, seed, chosen.arms)
             for seed in range(chosen.seeds)
         ]
+        every += seeds
         rows += [_row(name, arm, seeds) for arm in chosen.arms]
+        compared.append((name, len(seeds), *(_over(seeds, arm, "sd") for arm in ARMS[1:])))
+    compared.append(("all", len(every), *(_over(every, arm, "sd") for arm in ARMS[1:])))
     table.show(
         "suggested_maneuvers",
         f"Moment derivatives after {MINUTES} minutes of flight in gusts of {GUST} m/s, beside a "
@@ -148,6 +151,13 @@ def main() -> None:
             "inside the filter",
         ),
         rows,
+    )
+    table.show(
+        "suggested_over",
+        "Deviation of the moments' primary derivatives after suggested inputs over that after "
+        "others, flown as long",
+        ("aircraft", "first flights", *ARMS[1:]),
+        compared,
     )
 
 
@@ -176,7 +186,7 @@ def _row(name: str, arm: str, seeds: Sequence[dict[str, dict]]) -> tuple[object,
 
 def _over(seeds: Sequence[dict[str, dict]], arm: str, what: str) -> str:
     """Mean of the suggested inputs over that of others; nothing where one was not flown."""
-    if arm == "suggested" or not all("suggested" in one for one in seeds):
+    if arm == "suggested" or not all({"suggested", arm} <= one.keys() for one in seeds):
         return ""
     ours, theirs = (np.mean([one[which][what] for one in seeds]) for which in ("suggested", arm))
     return f"{ours / theirs:.2f}"
