@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs_sysid.estimate.suspects import named, suspects
+from gcs_sysid.estimate.traces import traces
 from gcs_sysid.sitl import record
 from tests.benchmarks import suggested
 from tests.blind import fly, pairs
+from tests.blind.draw import load
 from tests.blind.fly import Recorded
 from tests.blind.pairs import PAIRS
 
@@ -35,8 +38,30 @@ SLOPE = entry(
 )  # fmt: skip
 
 
+NOTHING = {
+    **{"verdict": "no_effect", "effects": [], "indistinguishable": [], "separate": None},
+    "ranking": [{"causes": ["none"], "probability": 0.9, "parameters": {}}],
+}
+
+
+@pytest.mark.parametrize("one", PAIRS, ids=lambda one: one.asked)
+def test_what_somebody_has_in_mind_can_be_asked(one: pairs.Pair) -> None:
+    aircraft = load(one.aircraft)
+    every = [*suspects(aircraft), *traces(aircraft)]
+    names = one.asked.split(",")
+    assert [len(named(every, name)) for name in names] == [1, 1]
+    assert names[0].startswith(one.cause)
+
+
+@pytest.mark.parametrize(
+    ("first", "asked"),
+    [
+        (group(SLOPE, SHIFT), "aero_derivative:Cm_alpha,cg_shift"),
+        (NOTHING, "cg_shift,aero_derivative:Cm_alpha"),
+    ],
+)
 def test_a_pair_is_diagnosed_flown_again_and_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    first: dict[str, Any], asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both flights hide the same; the second is later, and what is finished is not flown again."""
     said: list[tuple[object, ...]] = []
@@ -46,7 +71,7 @@ def test_a_pair_is_diagnosed_flown_again_and_kept(
         recorded: Recorded, folder: Path, *, more: tuple[Path, ...] = ()
     ) -> tuple[dict[str, Any], float]:
         named = {"verdict": "effect", "effects": ["cg_shift"], "ranking": [SHIFT]}
-        return (named if more else group(SLOPE, SHIFT)), 1.0
+        return (named if more else first), 1.0
 
     def command(*arguments: object) -> subprocess.CompletedProcess[str]:
         said.append(arguments)
@@ -86,7 +111,7 @@ def test_a_pair_is_diagnosed_flown_again_and_kept(
     for _ in range(2):
         pairs.main(["--only", "cg_shift", "--out", str(tmp_path)])
     assert [words[0] for words in said] == ["identify", "suggest"]
-    assert "aero_derivative:Cm_alpha,cg_shift" in said[1]
+    assert asked in said[1]
     (second,) = flown
     shifted = next(one for one in PAIRS if one.cause == "cg_shift").hidden["cg_x_chord"]
     moved = (second.flown.mass.cg[0] - second.believed.mass.cg[0]) / (
