@@ -380,12 +380,11 @@ def test_a_process_of_its_own_fits_what_was_flown_and_filters_on(
             off.append((term.value - true) / term.deviation)
     assert np.mean(np.abs(off) < 2.0) > 0.8
     assert np.max(np.abs(off)) < 5.0
-    # The elevator has two thirds of the effect that its file says: of a file that is sure to 3 %
-    # that departs, and nothing else.
+    # Of a file that is sure to 3 % the stability departs, a fifth less than it says; nothing else.
     watched = DerivativeDepartures(sure(aircraft, 0.03))
     for number in range(WINDOWS):
         watched.take(end + number, known.derivatives)
-    assert {name: one.derivative for name, one in watched.told().items()} == {"Cm": "elevator"}
+    assert {name: one.derivative for name, one in watched.told().items()} == {"Cm": "alpha"}
     # What it knows another one goes on with.
     feed = InsideFeed(aircraft, listened.station.commands, file_prior(aircraft), beside)
     other = begun(numerics.enable, aircraft)
