@@ -259,7 +259,7 @@ LINES = (
     ),
     Line(
         "a minute of suggested maneuvers, deviation of the moments' derivatives over that after "
-        "untuned 3-2-1-1 and doublets / well-timed ones / D-optimal multisines, as long in the air",
+        "untuned 3-2-1-1 and doublets / well-timed ones / D-optimal multisines, in no more flight",
         "0.5 / 0.7 / 1",
         tuple(Cell("suggested_over", "all", arm) for arm in ("untuned", "well-timed", "d-optimal")),
     ),

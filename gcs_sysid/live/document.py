@@ -271,7 +271,7 @@ def causes(station: Station, alone: Mapping[str, Solution]) -> list[dict[str, An
     """Likely causes of what departs, the likeliest first; `alone` is what the flight says.
 
     What the filter with the aerodynamics inside knows holds the file's values too: they pull toward
-    the file, so that a cause shows later for it and never for nothing.
+    the file, so that a cause shows later for it, and not more often for nothing.
     """
     found = likely(station.aircraft, alone)
     return [

@@ -85,12 +85,11 @@ class Target:
     def _forms(
         self, model: AeroModel, known: Knowledge, of: Callable[[CoefficientFit, Added], np.ndarray]
     ) -> tuple[float, ...]:
-        return tuple(
-            float(np.sum(form * covariance))
-            for name, forms in self.questions.items()
-            for covariance in (of(model.fits[name], known[name]),)
-            for form in forms
-        )
+        found = []
+        for name, forms in self.questions.items():
+            covariance = of(model.fits[name], known[name])
+            found += [float(np.sum(form * covariance)) for form in forms]
+        return tuple(found)
 
 
 def _shrunk(before: Sequence[float], after: Sequence[float]) -> float:

@@ -155,7 +155,7 @@ def main() -> None:
     table.show(
         "suggested_over",
         "Deviation of the moments' primary derivatives after suggested inputs over that after "
-        "others, flown as long",
+        "others, in no more flight",
         ("aircraft", "first flights", *ARMS[1:]),
         compared,
     )

@@ -50,7 +50,10 @@ def live(**parts: object) -> dict:
         "derivatives": {"CZ": {"alpha": {"value": -4.5, "sd": 0.25}}},
         "derivatives_by": "inside the filter",
         "inside": {"phase": "known", "lost": 1, "age_s": 0.8, "wanted_s": 60.0},
-        "departures": {"CZ": {"since_us": -11_999_999, "size": 0.1, "deviations": 4.2}},
+        "departures": {
+            "CZ": {"since_us": -11_999_999, "size": 0.1, "deviations": 4.2, "derivative": None},
+            "Cm": {"since_us": -2_999_999, "size": 0.3, "deviations": 5.0, "derivative": "<q>"},
+        },
         "causes": [
             {"cause": "surface_effectiveness", "about": "<i>elevator</i>", "probability": 0.973,
              "log_bayes_factor": 9.0, "size": -0.346, "sd": 0.02, "unit": "1"},
@@ -340,6 +343,8 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     colours = [browser.evaluate(one) for one in (known, visited, never)]
     assert len(set(colours)) == 3, colours
     assert "CZ: the simulation departs for 12 s (4.2 standard deviations)." in seen
+    words = "Cm by &lt;q&gt;: the simulation departs for 3 s (5.0 standard deviations)."
+    assert words in seen
     assert re.search(r"Values are 4\d s old\.", seen)
     assert "0 late, 4 frozen, 0 restarts, 1 reboots, 0 failures, lost: bad_crc 2" in seen
     sides = "[b.getBoundingClientRect().width, b.getBoundingClientRect().height]"

@@ -9,12 +9,16 @@ from scipy import linalg
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate.basis import Values
-from gcs_sysid.estimate.suspects import Direction, file_sigmas, suspects
+from gcs_sysid.estimate.suspects import Direction, file_sigmas, named, suspects
+from gcs_sysid.estimate.traces import traces
 from gcs_sysid.maneuvers import information, separation
 from gcs_sysid.maneuvers.information import Added, Knowledge
 from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.offline import suggestion_target
 from gcs_sysid.offline.model_store import StoredModel
+from tests.blind.draw import load
+from tests.blind.pairs import PAIRS
+from tests.blind.pairs import Pair as HardPair
 from tests.maneuvers.made_model import aircraft, model
 
 
@@ -109,6 +113,15 @@ def test_causes_are_named_as_diagnose_has_them() -> None:
     assert asked.words == "surface_effectiveness elevator or cg_shift"
     assert set(asked.coefficients) == {"Cm", "Cn"}
     assert asked.region == {}
+
+
+@pytest.mark.parametrize("one", PAIRS, ids=lambda one: one.asked)
+def test_the_hard_pairs_can_be_asked_about(one: HardPair) -> None:
+    flown = load(one.aircraft)
+    every = [*suspects(flown), *traces(flown)]
+    names = one.asked.split(",")
+    assert [len(named(every, name)) for name in names] == [1, 1]
+    assert names[0].startswith(one.cause)
 
 
 @pytest.mark.parametrize(
