@@ -89,10 +89,9 @@ class _Series:
         }
         for name in _ANGLES & set(self._columns):
             self._columns[name] = np.unwrap(self._columns[name])
-        self._whole = {
-            name: kind not in ("float", "double")
-            for name, kind in zip(self._kind.fieldnames, self._kind.fieldtypes, strict=True)
-        }
+        kinds = dict(zip(self._kind.fieldnames, self._kind.fieldtypes, strict=True))
+        self._counter = 2**32 if kinds.get("time_usec") == "uint32_t" else 2**64
+        self._whole = {name: kind not in ("float", "double") for name, kind in kinds.items()}
 
     def at(self, time: float, boot_ms: float) -> Any:
         values = {}
@@ -104,5 +103,6 @@ class _Series:
         if "time_boot_ms" in values:
             values["time_boot_ms"] = round(boot_ms)
         if "time_usec" in values:
-            values["time_usec"] = round(boot_ms * 1000)
+            # Servo outputs count in 32 bits, which are full after 71 minutes.
+            values["time_usec"] = round(boot_ms * 1000) % self._counter
         return self._kind(*(values[name] for name in self._kind.fieldnames))
