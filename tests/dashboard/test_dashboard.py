@@ -342,8 +342,8 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     visited = fill.format(right, top)
     colours = [browser.evaluate(one) for one in (known, visited, never)]
     assert len(set(colours)) == 3, colours
-    assert "CZ: the simulation departs for 12 s (4.2 standard deviations)." in seen
-    words = "Cm by &lt;q&gt;: the simulation departs for 3 s (5.0 standard deviations)."
+    assert "CZ: the simulation has departed for 12 s (4.2 standard deviations)." in seen
+    words = "Cm by &lt;q&gt;: the simulation has departed for 3 s (5.0 standard deviations)."
     assert words in seen
     assert re.search(r"Values are 4\d s old\.", seen)
     assert "0 late, 4 frozen, 0 restarts, 1 reboots, 0 failures, lost: bad_crc 2" in seen

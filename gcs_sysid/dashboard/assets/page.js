@@ -108,14 +108,14 @@ function alarms(live, late) {
     if (one && one.age_s + late > STALE_S) words.push(`${name} stopped ${(one.age_s + late).toFixed(0)} s ago.`);
   }
   for (const [name, one] of Object.entries(live.departures || {}))
-    words.push(`${name}${one.derivative ? ` by ${one.derivative}` : ""}: the simulation departs for ${((live.time_us - one.since_us) / 1e6).toFixed(0)} s (${one.deviations.toFixed(1)} standard deviations).`);
+    words.push(`${name}${one.derivative ? ` by ${one.derivative}` : ""}: the simulation has departed for ${((live.time_us - one.since_us) / 1e6).toFixed(0)} s (${one.deviations.toFixed(1)} standard deviations).`);
   words.push(...(live.alarms || []).map(one => `${one.words[0].toUpperCase()}${one.words.slice(1)}.`));
   const refused = Object.entries(health.requests || {}).filter(([, one]) => one.answer === "refused").map(([name]) => name);
   if (refused.length) words.push(`The vehicle refuses ${refused.join(", ")}.`);
   if (live.other_vehicles.length) words.push(`Vehicle ${live.vehicle} is followed; heard too: ${live.other_vehicles.join(", ")}.`);
   const box = at("alarm");
   box.hidden = !words.length;
-  box.textContent = words.join(" ");
+  box.textContent = words.join("\n");
   document.body.classList.toggle("stale", late > STALE_S || (age !== null && age > STALE_S));
 }
 function colour(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
