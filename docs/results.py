@@ -307,7 +307,17 @@ LINES = (
         apart=", ",
     ),
     Line(
-        "live: memory after an hour of flight, growth",
+        "live: the same of the filter with the aerodynamics inside, a process of its own; memory "
+        "at most, at the end",
+        "–",
+        (
+            Cell("live", "their process, of one core after that", "found"),
+            Cell("live", "its resident memory: largest, at the end", "found"),
+        ),
+        apart="; ",
+    ),
+    Line(
+        "live: memory after hours of flight (`make soak`), growth",
         "600 MB, none",
         (
             Cell("live-soak", "resident memory", "at the end"),
