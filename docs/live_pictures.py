@@ -57,9 +57,9 @@ def fed(frames: list[tuple[int, bytes]], port: int) -> Iterator[threading.Thread
 
 def telling(document: dict[str, Any]) -> bool:
     """Whether a maneuver is in progress and the filter with the aerodynamics inside keeps up."""
-    known = (document.get("inside") or {}).get("phase") == "known"
-    maneuver = document.get("maneuver")
-    return known and maneuver is not None and maneuver["seconds"] > LONG_S
+    maneuver, inside = document.get("maneuver"), document.get("derivatives_by")
+    shown = inside == "inside the filter"
+    return shown and maneuver is not None and maneuver["seconds"] > LONG_S
 
 
 def take(url: str, profile: Path) -> None:

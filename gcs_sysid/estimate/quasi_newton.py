@@ -53,11 +53,18 @@ def bounded(
     Hintermüller, Ito & Kunisch, SIAM J. Optimization 13, 2003.) Where that goes round, as it may if
     the curvature is not positive, the last try is cut: all who ask take a step only if it gains.
 
+    A parameter without any curvature stays: nothing is known of how far it would go.
+
     Args:
         curvature: of the objective, symmetric or not.
         slope: of minus the objective.
         longest: by which each parameter may move; infinite for any.
     """
+    known = np.diagonal(curvature) != 0.0
+    if not known.all():
+        step = np.zeros(slope.size)
+        step[known] = bounded(curvature[np.ix_(known, known)], slope[known], longest[known])
+        return step
     size = np.sqrt(np.abs(np.diagonal(curvature)))
     scaled, wanted, most = curvature / np.outer(size, size), slope / size, longest * size
     # At which of its ends each part is held; 0 where it is free.

@@ -79,3 +79,13 @@ def test_a_bounded_step_is_the_best_one_there_is(seed: int) -> None:
     assert np.all(np.abs(found) <= longest + 1e-12)
     assert gained(found) == pytest.approx(gained(best.x), rel=1e-6)
     assert gained(found) > 0.0
+
+
+def test_a_parameter_without_curvature_stays() -> None:
+    """Also one that may go anywhere, and whatever its slope: the others are as without it."""
+    curvature = np.array([[2.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 1.0]])
+    slope, longest = np.array([1.0, 3.0, -1.0]), np.array([np.inf, np.inf, 0.4])
+    others = np.ix_([0, 2], [0, 2])
+    without = quasi_newton.bounded(curvature[others], slope[[0, 2]], longest[[0, 2]])
+    step = quasi_newton.bounded(curvature, slope, longest)
+    np.testing.assert_array_equal(step, [without[0], 0.0, without[1]])
