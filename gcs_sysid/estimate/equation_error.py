@@ -27,6 +27,8 @@ from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 from gcs_sysid.reconstruct import rates
 
 MOST_ERROR = 0.9
+ANSWERED = 0.3
+"""Correlation of what gusts leave with any regressor, one standard deviation: see `pull`."""
 LEAST_RANK = 1e-10
 """Directions of XᵀX, columns scaled to one, that hold less than this of the largest are unseen."""
 UNKNOWN = 1e3
@@ -282,10 +284,17 @@ def pull(
     Were the errors independent of the true regressors, the true values would be
     (XᵀX − Σ_e)⁻¹ Xᵀy, Σ_e being the errors' covariance summed over the samples. In directions in
     which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
-    there: the flight then says next to nothing about them. What the fit leaves (`left`, the
-    length of the residual) may be the part of a direction that its errors hide: as much of it
-    as the errors are of the direction counts, where that is more than the direction was seen to
-    contribute.
+    there: the flight then says next to nothing about them.
+
+    They are seldom: an aircraft turns into a gust that nobody sees, so that the error of its angle
+    of attack goes against the angle itself and the slope may seem to be none. What the fit leaves
+    (`left`, the length of the residual) then holds it. Errors of the share s of a direction that
+    moved the estimate by Δ leave √((1−s)/s) Δ, so that √(s/(1−s)) of what is left counts; and where
+    s is near one, and itself known roughly, s²/(1−s) of it.
+
+    And whoever flies answers the gusts with the controls, so that errors go with what has none: as
+    much of what they may leave counts along every direction as goes with a correlation of
+    `ANSWERED`. See decision 0021 for what either does to intervals.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     balanced = information * np.outer(scale, scale)
@@ -294,8 +303,12 @@ def pull(
     share, turn = np.linalg.eigh(half.T @ (error * np.outer(scale, scale)) @ half)
     basis = half @ turn
     share = np.clip(share, 0.0, MOST_ERROR)
-    along = np.maximum(np.abs(basis.T @ (balanced @ (value / scale))), share * left)
-    return scale[:, None] * basis * (share / (1.0 - share) * along)
+    ratio = share / (1.0 - share)
+    seen = ratio * np.abs(basis.T @ (balanced @ (value / scale)))
+    hidden = np.maximum(np.sqrt(ratio), share * ratio) * left
+    answered = ANSWERED * np.sqrt(ratio.max()) * left
+    along = np.concatenate([basis * np.maximum(seen, hidden), answered * half], axis=1)
+    return scale[:, None] * along
 
 
 def bounded(

@@ -21,7 +21,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
-from gcs_sysid.estimate import in_common, scoring, settling
+from gcs_sysid.estimate import in_common, quick_air, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.likelihood import Curvature
@@ -100,6 +100,7 @@ def fit(
 
     Raises:
         LostError: the filter lost the aircraft.
+        QuickAirError: the air changes too quickly for a filter to tell it from the aircraft.
     """
     search = _Search(model, flight, beliefs, counts, progress)
     if stretch is None:
@@ -186,6 +187,7 @@ def _beginnings(search: _Search, first: Unknowns) -> Iterator[tuple[Scored, bool
     any_near = False
     for part, taken, whole in settling.beginnings(flight, counts, progress):
         begun = settling.settle(model, part, first, beliefs, taken, progress, rough=True)
+        quick_air.check(begun.log_noise, beliefs.noise.mean, part.rows.passing)
         settled.append(begun)
         if begun.restless:
             continue

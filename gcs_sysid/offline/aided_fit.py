@@ -28,6 +28,7 @@ from gcs_sysid.estimate import (
     in_common,
     inside_filter,
     lacking,
+    quick_air,
     scoring,
     settling,
 )
@@ -37,6 +38,7 @@ from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.inside_filter import Derivatives, Terms
 from gcs_sysid.estimate.intensities import Prior as NoisePrior
 from gcs_sysid.estimate.lacking import Lacking, Scores
+from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.estimate.result import AeroModel, Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
@@ -391,6 +393,9 @@ def _fit(
         return filter_error.fit(model, rows, first, before, counts, progress, stretch=stretch)
     except LostError as error:
         raise UnsettledError(_lost(item.one)) from error
+    except QuickAirError as error:
+        source = item.one.recording.source
+        raise UnsettledError(f"{source}: {error}: {quick_air.FIX}") from error
 
 
 def _unsettled(prepared: Sequence[_Prepared], fits: Sequence[Fit]) -> str:

@@ -24,9 +24,10 @@ from gcs_sysid.diagnose.aided.ranking import RIGHT
 from gcs_sysid.diagnose.aided.unknowns import Unknowns, of_flight
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.errors import RefusedError
-from gcs_sysid.estimate import flight_rows, godambe, settling, weighed
+from gcs_sysid.estimate import flight_rows, godambe, quick_air, settling, weighed
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.likelihood import Instruments
+from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.model import departures
@@ -199,7 +200,7 @@ def begin(
         progress: told what is being done.
 
     Raises:
-        RefusedError: the filter lost the aircraft.
+        RefusedError: the filter lost the aircraft, or cannot tell it from the air.
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     done, _ = settling.begun(model, rows, subject.first, before, fitted, progress, rough=True)
@@ -215,6 +216,10 @@ def begin(
             "the simulation's own model lost the aircraft inside the filter",
             fix="check mass, inertia, signs of the controls and the thrust of the aircraft file",
         )
+    try:
+        quick_air.check(done.log_noise, before.noise.mean, rows.rows.passing)
+    except QuickAirError as error:
+        raise RefusedError(subject.one.recording.source, str(error), fix=quick_air.FIX) from error
     return done
 
 

@@ -176,6 +176,54 @@ def test_the_pull_is_the_classical_attenuation() -> None:
     assert fit.deviations["regressor"][0] == pytest.approx(0.7 * share / (1.0 - share), rel=1e-9)
 
 
+def test_a_slope_that_gusts_hide_is_looked_for_in_what_is_left() -> None:
+    """y = θ(x − g), and the aircraft turns into its gusts until nothing is seen of θ.
+
+    With x and n alike in size and without anything in common, g = x + d n gives a slope of 0 and
+    leaves θ d |x|. Errors of the stated share s that hid a slope Δ would have left √((1−s)/s) Δ.
+    """
+    generator = np.random.default_rng(9)
+    both, _ = np.linalg.qr(generator.standard_normal((5000, 2)))
+    seen, other = 0.05 * np.sqrt(5000.0) * both.T
+    slope, off, share = -5.0, 0.7, 0.3
+    measured = slope * (seen - (seen + off * other))
+    variance = np.array([share * float(np.mean(seen**2))])
+    fit = solve(problem(seen[:, None], measured, keys=("alpha",), error=variance))
+    assert fit.value[0] == pytest.approx(0.0, abs=1e-9)
+    hidden = abs(slope) * off * np.sqrt(share / (1.0 - share))
+    with_the_rest = np.hypot(1.0, equation_error.ANSWERED) * hidden
+    assert fit.deviations["regressor"][0] == pytest.approx(with_the_rest, rel=1e-9)
+    assert abs(slope) < 2.5 * fit.deviations["regressor"][0]
+
+
+@pytest.mark.parametrize(("answered", "least", "most"), [(None, 0.9, 1.0), (0.0, 0.0, 0.5)])
+def test_a_control_that_answers_gusts_is_inside_the_interval(
+    answered: float | None, least: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of what is seen of alpha is gust, and the elevator goes with it by some correlation.
+
+    Where the slope over alpha is believed, rightly, what the gust does is put down to the elevator:
+    without what its answers may do, intervals of 95 % hold less than half as often.
+    """
+    if answered is not None:
+        monkeypatch.setattr(equation_error, "ANSWERED", answered)
+    size, truth = made_problems.SIZE[1:4:2], TRUE[1:4:2]
+    held = 0
+    for seed in range(100):
+        generator = np.random.default_rng(seed)
+        felt, gust, other = generator.standard_normal((3, 2000))
+        turned = np.clip(generator.normal(0.0, 0.2), -0.9, 0.9)
+        moved = turned * gust + np.sqrt(1.0 - turned**2) * other
+        seen = np.stack([(felt + gust) / np.sqrt(2.0), moved], axis=1) * size
+        measured = truth[0] * size[0] * felt / np.sqrt(2.0) + truth[1] * seen[:, 1]
+        stated = problem(
+            seen, measured, keys=("alpha", "elevator"), error=np.array([0.5 * size[0] ** 2, 0.0])
+        )
+        fit = solve(stated, belief({"alpha": truth[0]}, 0.01))
+        held += abs(fit.value[1] - truth[1]) < 1.96 * fit.deviation[1]
+    assert least <= held / 100 <= most
+
+
 def belief(values: dict[str, float], sigma: float) -> Prior:
     return Prior(values, dict.fromkeys(values, sigma))
 
