@@ -27,7 +27,7 @@ from gcs_sysid.estimate.result import AeroModel, CoefficientFit, Prior
 from gcs_sysid.reconstruct import rates
 
 MOST_ERROR = 0.9
-ANSWERED = 0.3
+ANSWERED = 0.2
 """Correlation of what gusts leave with any regressor, one standard deviation: see `pull`."""
 LEAST_RANK = 1e-10
 """Directions of XᵀX, columns scaled to one, that hold less than this of the largest are unseen."""
@@ -296,7 +296,9 @@ def pull(
     much of what they may leave counts along every direction as goes with a correlation of
     `ANSWERED`. See decision 0021 for what either does to intervals.
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    norm = np.sqrt(np.diagonal(information))
+    # What never moved has no errors, and what is not known of it is counted elsewhere.
+    scale = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
     balanced = information * np.outer(scale, scale)
     roots, vectors = np.linalg.eigh(balanced)
     half = vectors / np.sqrt(np.maximum(roots, 1e-10 * roots.max()))
@@ -304,7 +306,7 @@ def pull(
     basis = half @ turn
     share = np.clip(share, 0.0, MOST_ERROR)
     ratio = share / (1.0 - share)
-    seen = ratio * np.abs(basis.T @ (balanced @ (value / scale)))
+    seen = ratio * np.abs(basis.T @ (balanced @ (value * norm)))
     hidden = np.maximum(np.sqrt(ratio), share * ratio) * left
     answered = ANSWERED * np.sqrt(ratio.max()) * left
     along = np.concatenate([basis * np.maximum(seen, hidden), answered * half], axis=1)

@@ -287,14 +287,21 @@ def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
 
 
 def flown(folder: Path, seed: int, description: Path) -> None:
-    """Flies one of our own, unless it was flown before."""
+    """Flies one of our own in gusts of its own, unless it was flown before."""
+    gust = float(np.random.default_rng(seed).uniform(1.2, 1.9))
+    recorded(folder, seed, description, gust=gust)
+
+
+def recorded(folder: Path, seed: int, description: Path, *, gust: float) -> None:
+    """Flies an aircraft in gusts [m/s] and a wind of its own, unless it was flown before."""
     if (folder / "truth.npz").exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
+    rng.uniform()  # that of `flown`
     command = [sys.executable, "-m", "gcs_sysid", "sitl", "--aircraft", str(description)]
     command += ["--record", str(folder / "flight.tlog"), "--truth", str(folder / "truth.npz")]
-    command += ["--seed", str(seed), "--gust", f"{rng.uniform(1.2, 1.9):.2f}"]
+    command += ["--seed", str(seed), "--gust", f"{gust:.2f}"]
     command += ["--wind", f"{rng.uniform(0.0, 360.0):.0f}", f"{rng.uniform(2.0, 7.0):.1f}"]
     subprocess.run(command, check=True, capture_output=True)
 

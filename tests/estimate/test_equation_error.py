@@ -212,7 +212,7 @@ def test_a_control_that_answers_gusts_is_inside_the_interval(
     for seed in range(100):
         generator = np.random.default_rng(seed)
         felt, gust, other = generator.standard_normal((3, 2000))
-        turned = np.clip(generator.normal(0.0, 0.2), -0.9, 0.9)
+        turned = np.clip(generator.normal(0.0, 0.1), -0.9, 0.9)
         moved = turned * gust + np.sqrt(1.0 - turned**2) * other
         seen = np.stack([(felt + gust) / np.sqrt(2.0), moved], axis=1) * size
         measured = truth[0] * size[0] * felt / np.sqrt(2.0) + truth[1] * seen[:, 1]
@@ -222,6 +222,20 @@ def test_a_control_that_answers_gusts_is_inside_the_interval(
         fit = solve(stated, belief({"alpha": truth[0]}, 0.01))
         held += abs(fit.value[1] - truth[1]) < 1.96 * fit.deviation[1]
     assert least <= held / 100 <= most
+
+
+def test_a_control_that_never_moved_leaves_the_intervals_of_the_others_numbers() -> None:
+    generator = np.random.default_rng(10)
+    seen = np.zeros((2000, 2))
+    seen[:, 0] = 0.05 * generator.standard_normal(2000)
+    measured = -0.7 * seen[:, 0] + 0.01 * generator.standard_normal(2000)
+    error = np.array([0.3 * 0.05**2, 0.0])
+    both = solve(problem(seen, measured, keys=("alpha", "rudder"), error=error))
+    alone = solve(problem(seen[:, :1], measured, keys=("alpha",), error=error[:1]))
+    assert np.isfinite(both.covariance).all()
+    assert both.deviations["regressor"][0] == pytest.approx(
+        alone.deviations["regressor"][0], rel=1e-9
+    )
 
 
 def belief(values: dict[str, float], sigma: float) -> Prior:
