@@ -28,7 +28,7 @@ from gcs_sysid.reconstruct import rates
 
 MOST_ERROR = 0.9
 ANSWERED = 0.2
-"""Correlation of what gusts leave with any regressor, one standard deviation: see `pull`."""
+"""How far what errors leave goes with any regressor, one standard deviation: see `pull`."""
 LEAST_RANK = 1e-10
 """Directions of XᵀX, columns scaled to one, that hold less than this of the largest are unseen."""
 UNKNOWN = 1e3
@@ -286,15 +286,15 @@ def pull(
     which the errors make up more than `MOST_ERROR` of what was seen the correction is stopped
     there: the flight then says next to nothing about them.
 
-    They are seldom: an aircraft turns into a gust that nobody sees, so that the error of its angle
-    of attack goes against the angle itself and the slope may seem to be none. What the fit leaves
-    (`left`, the length of the residual) then holds it. Errors of the share s of a direction that
-    moved the estimate by Δ leave √((1−s)/s) Δ, so that √(s/(1−s)) of what is left counts; and where
-    s is near one, and itself known roughly, s²/(1−s) of it.
+    Errors are seldom independent: an aircraft turns into a gust that nobody sees, so that the
+    error of its angle of attack goes against the angle itself and the slope may seem to be none.
+    What the fit leaves (`left`, the length of the residual) then holds it. Errors of the share s of
+    a direction that moved the estimate by Δ leave √((1−s)/s) Δ, so that √(s/(1−s)) of what is left
+    counts; and where s is near one, and itself known roughly, s²/(1−s) of it.
 
-    And whoever flies answers the gusts with the controls, so that errors go with what has none: as
-    much of what they may leave counts along every direction as goes with a correlation of
-    `ANSWERED`. See decision 0021 for what either does to intervals.
+    And whoever flies answers the gusts with the controls, so that errors go with what has none:
+    `ANSWERED` times √(s/(1−s)) of what is left, s of the direction with most errors, counts along
+    every one. See decision 0021 for what either does to intervals.
     """
     norm = np.sqrt(np.diagonal(information))
     # What never moved has no errors, and what is not known of it is counted elsewhere.

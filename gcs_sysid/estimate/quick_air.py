@@ -37,8 +37,9 @@ class QuickAirError(Exception):
     def __init__(self, lasting: float, strength: float) -> None:
         super().__init__(
             f"vertical gusts of {strength:.1f} m/s that last {lasting:.2f} s: what they do cannot "
-            "be told from what the aircraft does, and derivatives would be wrong by half; no "
-            "atmosphere is like that, simulated ones are (ArduPlane's SIM_WIND_TURB)"
+            "be told from what the aircraft does, and slopes over the angle of attack would come "
+            "out up to twice the true ones; no atmosphere is like that, but ArduPlane's simulated "
+            "one is"
         )
         self.lasting = lasting
         self.strength = strength

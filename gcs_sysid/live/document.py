@@ -177,6 +177,7 @@ def inside(station: Station, now_us: int | None) -> dict[str, Any]:
         "collected_s": round(known.collected, 1),
         "wanted_s": FIRST_S,
         "lost": known.lost,
+        "refused": known.refused,
         "excess": None if found is None else round(known.excess, 3),
         "time_us": None if found is None or epoch is None else epoch + round(found.time * 1e6),
         "age_s": old,

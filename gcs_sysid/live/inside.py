@@ -19,7 +19,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import MOMENTS, Aircraft
-from gcs_sysid.estimate import in_common, scoring
+from gcs_sysid.estimate import in_common, quick_air, scoring
+from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.live import inside_fit, inside_known
 from gcs_sysid.live.inside_fit import Found, Task
@@ -80,6 +81,7 @@ class Inside:
         self._newest: tuple[float, Row] | None = None
         self._lost = 0
         self._troubles, self._trouble = 0, ""
+        self._refused = ""
         self.known = self._all_known()
 
     def take(self, fed: Fed) -> None:
@@ -127,6 +129,7 @@ class Inside:
             phase="fitting" if self._fitting else phase,
             collected=self._collected,
             lost=self._lost,
+            refused=self._refused,
             troubles=self._troubles,
             trouble=self._trouble,
             newest=newest,
@@ -148,7 +151,11 @@ class Inside:
         """Fits what was collected, and begins the filter at its end."""
         self._fitting = True
         self._tell(self._all_known())
-        found = self._fit(self._task())
+        self._refused = ""
+        try:
+            found = self._fit(self._task())
+        except QuickAirError as error:
+            found, self._refused = None, f"{error}: {quick_air.FIX}"
         if found is None or not found.converged:
             # Another minute has other gusts.
             self._lost += 1

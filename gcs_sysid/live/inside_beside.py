@@ -147,11 +147,12 @@ def _serve(
 
 def _fitted(task: Task) -> Found | None:
     """A fit whose compiled code and matrices are given back: the filter needs neither."""
-    found = inside_fit.fitted(task)
-    jax.clear_caches()
-    gc.collect()
-    heap.give_back()
-    return found
+    try:
+        return inside_fit.fitted(task)
+    finally:
+        jax.clear_caches()
+        gc.collect()
+        heap.give_back()
 
 
 def _end_with_parent() -> None:

@@ -17,7 +17,6 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.estimate import filter_error, first_guess, in_common, inside_filter
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.intensities import Prior as NoisePrior
-from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.estimate.result import Prior
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.estimate.settling import Beliefs
@@ -111,12 +110,16 @@ def _beginning(task: Task) -> _Beginning:
 
 
 def fitted(task: Task) -> Found | None:
-    """Fits a flight; None where the filter loses the aircraft, or cannot tell it from the air."""
+    """Fits a flight; None where the filter loses the aircraft.
+
+    Raises:
+        QuickAirError: it cannot tell the aircraft from the air.
+    """
     begun_at, count = clock.perf_counter(), task.rows.step.size
     every = np.ones(count, dtype=bool)
     try:
         fit = filter_error.fit(*_beginning(task), every, lambda _: None)
-    except (LostError, QuickAirError):
+    except LostError:
         return None
     last = jax.tree.map(lambda part: np.asarray(part)[count - 1], fit.states)
     return Found(

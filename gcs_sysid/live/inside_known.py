@@ -65,7 +65,8 @@ class Known(NamedTuple):
     Attributes:
         phase: off, collecting, fitting, known, or failed and why.
         collected: flight that waits to be fitted [s].
-        lost: how often the filter lost the aircraft.
+        lost: how often the filter lost the aircraft, or a fit was no use.
+        refused: why the last fit was refused; empty where it was not.
         troubles: how often it failed otherwise, and began anew.
         trouble: the last time, why.
         newest: None before there is any.
@@ -77,6 +78,7 @@ class Known(NamedTuple):
     phase: str = "collecting"
     collected: float = 0.0
     lost: int = 0
+    refused: str = ""
     troubles: int = 0
     trouble: str = ""
     newest: Newest | None = None

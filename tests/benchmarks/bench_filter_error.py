@@ -217,22 +217,24 @@ def model_errors(aircraft: Aircraft, found: Found, true: Columns) -> dict[str, d
     return out
 
 
+def read(log: Path, aircraft: Aircraft) -> Flight:
+    """A flight as `identify` reads it."""
+    return flight.read(
+        log,
+        aircraft,
+        vehicle=None,
+        segments=maneuver_choice.chooser(None, aircraft),
+        delay=None,
+        progress=lambda *_: None,
+        measured=True,
+    )
+
+
 def scored(
     folders: Sequence[Path], other: Path, aircraft: Aircraft, known_of: Told, seed: int
 ) -> dict[str, Any]:
     """Fits flights, and compares with their true aircraft."""
-    flights = [
-        flight.read(
-            folder / "flight.tlog",
-            known_of.aircraft,
-            vehicle=None,
-            segments=maneuver_choice.chooser(None, known_of.aircraft),
-            delay=None,
-            progress=lambda *_: None,
-            measured=True,
-        )
-        for folder in folders
-    ]
+    flights = [read(folder / "flight.tlog", known_of.aircraft) for folder in folders]
     structure = regressors.default_structure(aircraft)
     begun = clock.perf_counter()
     known_by = aided_fit.identify(
@@ -286,22 +288,16 @@ def turning(aircraft: Aircraft, fit: Fit) -> dict[str, list[float]]:
     }
 
 
-def flown(folder: Path, seed: int, description: Path) -> None:
-    """Flies one of our own in gusts of its own, unless it was flown before."""
-    gust = float(np.random.default_rng(seed).uniform(1.2, 1.9))
-    recorded(folder, seed, description, gust=gust)
-
-
-def recorded(folder: Path, seed: int, description: Path, *, gust: float) -> None:
-    """Flies an aircraft in gusts [m/s] and a wind of its own, unless it was flown before."""
+def flown(folder: Path, seed: int, description: Path, *, gust: float | None = None) -> None:
+    """Flies one of our own in wind and gusts of its own, or in these [m/s], unless it was flown."""
     if (folder / "truth.npz").exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    rng.uniform()  # that of `flown`
+    own = rng.uniform(1.2, 1.9)
     command = [sys.executable, "-m", "gcs_sysid", "sitl", "--aircraft", str(description)]
     command += ["--record", str(folder / "flight.tlog"), "--truth", str(folder / "truth.npz")]
-    command += ["--seed", str(seed), "--gust", f"{gust:.2f}"]
+    command += ["--seed", str(seed), "--gust", f"{own if gust is None else gust:.2f}"]
     command += ["--wind", f"{rng.uniform(0.0, 360.0):.0f}", f"{rng.uniform(2.0, 7.0):.1f}"]
     subprocess.run(command, check=True, capture_output=True)
 

@@ -30,7 +30,7 @@ from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.estimate import flight_rows, settling  # noqa: E402
 from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
 from gcs_sysid.model.flight_model import FlightModel  # noqa: E402
-from gcs_sysid.offline import aided_fit, aided_flight, flight, maneuver_choice  # noqa: E402
+from gcs_sysid.offline import aided_fit, aided_flight  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
 from gcs_sysid.reconstruct import causal  # noqa: E402
 from gcs_sysid.sources import tlog  # noqa: E402
@@ -52,7 +52,7 @@ def fitted(times: int, shares: Sequence[int] = ()) -> dict[str, list[float]]:
     numerics.enable()
     numerics.keep_freed_memory()
     aircraft = aircraft_file.load(bench_filter_error.OWN)
-    one = read(FOLDER / "flight.tlog", aircraft)
+    one = bench_filter_error.read(FOLDER / "flight.tlog", aircraft)
     seconds = []
     for _ in range(times):
         fit, taken = timed(one, aircraft)
@@ -60,7 +60,8 @@ def fitted(times: int, shares: Sequence[int] = ()) -> dict[str, list[float]]:
     parts = []
     with tempfile.TemporaryDirectory() as folder:
         for share in shares:
-            part = read(shortened(FOLDER / "flight.tlog", Path(folder), share), aircraft)
+            log = shortened(FOLDER / "flight.tlog", Path(folder), share)
+            part = bench_filter_error.read(log, aircraft)
             timed(part, aircraft)
             parts.append(timed(part, aircraft)[1])
     passes = [passed(one, aircraft, fit, share) for share in (1, *shares)]
@@ -73,19 +74,6 @@ def timed(one: Flight, aircraft: Aircraft) -> tuple[Fit, float]:
     begun = clock.perf_counter()
     fit = aided_fit.identify([one], aircraft, structure, None, (), lambda *_: None).fits[0]
     return fit, clock.perf_counter() - begun
-
-
-def read(log: Path, aircraft: Aircraft) -> Flight:
-    """A flight as `identify` reads it."""
-    return flight.read(
-        log,
-        aircraft,
-        vehicle=None,
-        segments=maneuver_choice.chooser(None, aircraft),
-        delay=None,
-        progress=lambda *_: None,
-        measured=True,
-    )
 
 
 def shortened(log: Path, folder: Path, share: int) -> Path:

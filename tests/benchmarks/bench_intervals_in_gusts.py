@@ -21,9 +21,8 @@ from gcs_sysid.aircraft import Aircraft  # noqa: E402
 from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.estimate import equation_error  # noqa: E402
 from gcs_sysid.estimate.result import AeroModel, Prior  # noqa: E402
-from gcs_sysid.offline import flight, maneuver_choice  # noqa: E402
 from tests.benchmarks import table  # noqa: E402
-from tests.benchmarks.bench_filter_error import recorded  # noqa: E402
+from tests.benchmarks.bench_filter_error import flown, read  # noqa: E402
 
 AIRFRAMES = ("aerosonde", "brumby_mk3", "skywalker_x8", "ultra_stick_25e")
 GUSTS = (0.02, 0.06)
@@ -45,7 +44,7 @@ def main() -> None:
             off: dict[str, list[float]] = {"alone": [], "file": []}
             for seed in SEEDS:
                 where = folder / f"{name}-{gust}-{seed}"
-                recorded(where, seed, path, gust=gust * cruise)
+                flown(where, seed, path, gust=gust * cruise)
                 for kind, model in fitted(where, aircraft, seed).items():
                     off[kind] += deviations(model, aircraft)
             rows.append((name, f"{gust * cruise:.1f}", len(SEEDS), *counted(off)))
@@ -63,15 +62,7 @@ def main() -> None:
 
 def fitted(folder: Path, aircraft: Aircraft, seed: int) -> dict[str, AeroModel]:
     """The models of one flight: of it alone, and with a file believed."""
-    one = flight.read(
-        folder / "flight.tlog",
-        aircraft,
-        vehicle=None,
-        segments=maneuver_choice.chooser(None, aircraft),
-        delay=None,
-        progress=lambda *_: None,
-        measured=True,
-    )
+    one = read(folder / "flight.tlog", aircraft)
     structure = regressors.default_structure(aircraft)
     asked = ([one.samples], aircraft, structure, [one.pieces()])
     return {

@@ -200,10 +200,12 @@ def test_a_slope_that_gusts_hide_is_looked_for_in_what_is_left() -> None:
 def test_a_control_that_answers_gusts_is_inside_the_interval(
     answered: float | None, least: float, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Half of what is seen of alpha is gust, and the elevator goes with it by some correlation.
+    """Half of what is seen of alpha is gust; the elevator goes with it by a correlation of 0.1.
 
     Where the slope over alpha is believed, rightly, what the gust does is put down to the elevator:
-    without what its answers may do, intervals of 95 % hold less than half as often.
+    without what its answers may do, intervals of 95 % hold less than half as often. A correlation
+    of ρ moves it by ρ/√(1−s) of what is left, of which `ANSWERED` √(s/(1−s)) is counted: here up to
+    a correlation of 0.14.
     """
     if answered is not None:
         monkeypatch.setattr(equation_error, "ANSWERED", answered)

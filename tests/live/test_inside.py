@@ -19,8 +19,9 @@ from jax.flatten_util import ravel_pytree
 
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.cli import numerics
-from gcs_sysid.estimate import in_common
+from gcs_sysid.estimate import in_common, quick_air
 from gcs_sysid.estimate.flight_rows import Flight
+from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.live import inside, inside_fit, inside_rows
 from gcs_sysid.live.commands import Commands
 from gcs_sysid.live.departure import WINDOWS, DerivativeDepartures
@@ -173,15 +174,17 @@ def anew(batch: Batch, wind: float = 0.0) -> Batch:
 
 
 class Fitted:
-    """Stands in for a fit: knows the file's derivatives to a tenth, or loses the aircraft."""
+    """Stands in for a fit: knows the file's derivatives to a tenth, or has no use of a flight."""
 
-    def __init__(self, *, losing: int = 0) -> None:
+    def __init__(self, *, losing: int = 0, refusing: Exception | None = None) -> None:
         self.tasks: list[Task] = []
-        self._losing = losing
+        self._losing, self._refusing = losing, refusing
 
     def __call__(self, task: Task) -> Found | None:
         self.tasks.append(task)
         if len(self.tasks) <= self._losing:
+            if self._refusing is not None:
+                raise self._refusing
             return None
         aircraft, _, rows, states, begun, _ = task
         last = jax.tree.map(lambda part: part[-1], states)
@@ -262,17 +265,22 @@ def test_it_collects_has_a_part_fitted_and_goes_on_from_there(listened, aircraft
             learned(kept | {f"{PREFIX}{name}": damaged}, aircraft, file_prior(aircraft))
 
 
-def test_a_part_in_which_the_aircraft_is_lost_is_followed_by_another(
-    listened, aircraft: Aircraft
+@pytest.mark.parametrize("refusing", [None, QuickAirError(0.26, 1.5)])
+def test_a_part_that_is_no_use_is_followed_by_another(
+    listened, aircraft: Aircraft, refusing: Exception | None
 ) -> None:
-    fit = Fitted(losing=1)
+    """The aircraft is lost in it, or cannot be told from the air, and then it is said why."""
+    fit = Fitted(losing=1, refusing=refusing)
     one = Inside(aircraft, file_prior(aircraft), fit=fit)
     for part in fed(listened.batches[:20]):
         one.take(part)
     assert (one.known.phase, one.known.lost, len(fit.tasks)) == ("collecting", 1, 1)
+    why = "" if refusing is None else f"{refusing}: {quick_air.FIX}"
+    assert one.known.refused == why
     for part in fed(listened.batches[20:], 20):
         one.take(part)
     assert (one.known.phase, len(fit.tasks)) == ("known", 2)
+    assert (one.known.refused, one.known.troubles) == ("", 0)
     # What failed otherwise is told, and begun anew.
     one.trouble(FloatingPointError("no number"))
     known = one.known

@@ -17,6 +17,7 @@ from gcs_sysid.aircraft import COEFFICIENTS
 from gcs_sysid.errors import InputError, RefusedError, UsageError
 from gcs_sysid.estimate import filter_error
 from gcs_sysid.estimate.lacking import Lacking
+from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.estimate.scoring import LostError
 from gcs_sysid.offline import aided_fit, flight, identify, inspect, model_store
 from gcs_sysid.offline.aided_fit import AidedFlights, UnsettledError
@@ -482,7 +483,16 @@ def test_a_search_that_did_not_end_is_no_number_but_says_what_it_asks_for(
     assert found is ended
 
 
-def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
+@pytest.mark.parametrize(
+    ("refused", "why"),
+    [
+        (LostError(), "the filter lost the aircraft"),
+        (QuickAirError(0.26, 1.5), "vertical gusts of 1.5 m/s that last 0.26 s"),
+    ],
+)
+def test_a_filter_that_cannot_follow_is_an_open_fallback(
+    refused: Exception,
+    why: str,
     short: Path,
     short_run: Identified,
     tmp_path: Path,
@@ -492,12 +502,12 @@ def test_a_filter_that_lost_the_aircraft_is_an_open_fallback(
     """The model is that of least squares, and the summary says whose it is and why."""
 
     def lost(*_: Any, **__: Any) -> None:
-        raise LostError
+        raise refused
 
     monkeypatch.setattr(filter_error, "fit", lost)
     found = run([short], tmp_path / "lost", method="filter-error").summary
     assert found["method"]["name"] == "equation_error"
-    assert "the filter lost the aircraft" in found["method"]["reason"]
+    assert why in found["method"]["reason"]
     assert "short.tlog" in found["method"]["reason"]
     assert found["method"]["converged"] is False
     assert "converged" not in short_run.summary["method"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided.ranking import RIGHT
+from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs, Settled
 from gcs_sysid.model.flight_model import FlightModel
@@ -50,7 +52,8 @@ def begun(monkeypatch, *ends: Settled) -> tuple[Settled, list[Beliefs], list[str
         return left.pop(0), None
 
     monkeypatch.setattr(settled.settling, "begun", search)
-    monkeypatch.setattr(settled.flight_rows, "busiest", lambda *_: (None, None))
+    rows = Mock(rows=Mock(passing=np.full(3, 20.0)))
+    monkeypatch.setattr(settled.flight_rows, "busiest", lambda *_: (rows, None))
     monkeypatch.setattr(settled.quantities, "names", lambda _means: NAMES)
     subject = Mock(spec=Subject, rows=None, fitted=None, first=Mock(), one=Mock())
     before = Beliefs(MEAN, np.diag(SIGMA**2), SILENT)
@@ -99,3 +102,13 @@ def test_an_inertia_of_nothing_is_astray(monkeypatch) -> None:
     done, _, said = begun(monkeypatch, ended({"departures.inertia.0": -0.96}), again)
     assert done is again
     assert len(said) == 1
+
+
+def test_air_that_is_too_quick_is_refused_with_what_to_fly(monkeypatch) -> None:
+    turbulence = SILENT.mean.turbulence
+    quick = turbulence._replace(
+        gust=np.log([1.0, 1.0, 1.5]), gust_length=np.asarray(turbulence.gust_length) - 3.0
+    )
+    done = replace(ended({}), log_noise=SILENT.mean._replace(turbulence=quick))
+    with pytest.raises(RefusedError, match=r"vertical gusts of 1\.5 m/s.*SIM_WIND_TURB = 0"):
+        begun(monkeypatch, done)

@@ -56,7 +56,7 @@ function inside(live) {
   };
   at("inside").hidden = !one.phase || one.phase === "off";
   at("inside").textContent = `Aerodynamics inside the filter: ${words[one.phase] || one.phase}` +
-    (one.lost ? `; begun anew ${one.lost} times.` : ".");
+    (one.lost ? `; begun anew ${one.lost} times.` : ".") + (one.refused ? ` Last: ${one.refused}.` : "");
   at("derivatives").textContent = `derivatives: ${live.derivatives_by || "first model"}`;
 }
 function model(live, late) {
