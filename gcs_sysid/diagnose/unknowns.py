@@ -119,10 +119,10 @@ def bending(aircraft: Aircraft, flight: Observed, number: int) -> Columns:
             stacked.slopes,
             optimize=True,
         )
-        left = stacked.measured - stacked.columns @ value
-        bent = equation_error.pull(
-            error, stacked.columns.T @ stacked.columns, value, float(np.linalg.norm(left))
-        )
+        residual = stacked.measured - stacked.columns @ value
+        lengths = (float(np.linalg.norm(each)) for each in (residual, stacked.noise))
+        information = stacked.columns.T @ stacked.columns
+        bent = equation_error.pull(error, information, value, *lengths)
         spread = equation_error.bounded(bent @ bent.T, stacked.plausible)
         size, direction = np.linalg.eigh(spread)
         every = basis.columns(tuple(model.terms), aircraft.control_names, flight.samples.regressors)

@@ -171,7 +171,8 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
     white = inverse * float(residual @ residual) / max(count - terms, 1)
     effect = (columns * root[:, None]).T @ problem.systematic * problem.systematic_sigma
     scale = inverse @ effect
-    bent = pull(_errors(problem, root), information, value, float(np.linalg.norm(residual)))
+    lengths = (float(np.linalg.norm(each)) for each in (residual, problem.noise * root))
+    bent = pull(_errors(problem, root), information, value, *lengths)
     parts = {
         "noise": coloured + unseen @ unseen.T,
         "scale": scale @ scale.T,
@@ -278,6 +279,7 @@ def pull(
     information: Float[np.ndarray, "term term"],
     value: Float[np.ndarray, " term"],
     left: float,
+    noise: float,
 ) -> Float[np.ndarray, "term direction"]:
     """How far errors of the regressors may have moved the estimate, one column a direction.
 
@@ -290,7 +292,8 @@ def pull(
     error of its angle of attack goes against the angle itself and the slope may seem to be none.
     What the fit leaves (`left`, the length of the residual) then holds it. Errors of the share s of
     a direction that moved the estimate by Δ leave √((1−s)/s) Δ, so that √(s/(1−s)) of what is left
-    counts; and where s is near one, and itself known roughly, s²/(1−s) of it.
+    beyond the noise of the measurement (`noise`, its length) counts; and where s is near one, and
+    itself known roughly, s²/(1−s) of all that is left.
 
     And whoever flies answers the gusts with the controls, so that errors go with what has none:
     `ANSWERED` times √(s/(1−s)) of what is left, s of the direction with most errors, counts along
@@ -307,7 +310,8 @@ def pull(
     share = np.clip(share, 0.0, MOST_ERROR)
     ratio = share / (1.0 - share)
     seen = ratio * np.abs(basis.T @ (balanced @ (value * norm)))
-    hidden = np.maximum(np.sqrt(ratio), share * ratio) * left
+    beyond = np.sqrt(max(left**2 - noise**2, 0.0))
+    hidden = np.maximum(np.sqrt(ratio) * beyond, share * ratio * left)
     answered = ANSWERED * np.sqrt(ratio.max()) * left
     along = np.concatenate([basis * np.maximum(seen, hidden), answered * half], axis=1)
     return scale[:, None] * along

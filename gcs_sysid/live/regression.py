@@ -342,7 +342,9 @@ class _Sums:
         turned = inverse @ (self._pull @ value).T * lasting
         left = float(np.sqrt(max(self._square - value @ self._vector, 0.0)))
         error = np.einsum("v,vij->ij", variance, self._slopes)
-        bent = equation_error.pull(error, self._information, value, left)
+        # Samples are weighed by their noise: of each it is one.
+        noise = float(np.sqrt(self._count))
+        bent = equation_error.pull(error, self._information, value, left, noise)
         covariance = (
             inverse @ corrected @ inverse
             + unseen @ unseen.T

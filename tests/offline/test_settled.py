@@ -55,7 +55,8 @@ def begun(monkeypatch, *ends: Settled) -> tuple[Settled, list[Beliefs], list[str
     rows = Mock(rows=Mock(passing=np.full(3, 20.0)))
     monkeypatch.setattr(settled.flight_rows, "busiest", lambda *_: (rows, None))
     monkeypatch.setattr(settled.quantities, "names", lambda _means: NAMES)
-    subject = Mock(spec=Subject, rows=None, fitted=None, first=Mock(), one=Mock())
+    one = Mock(recording=Mock(source="flight.tlog"))
+    subject = Mock(spec=Subject, rows=None, fitted=None, first=Mock(), one=one)
     before = Beliefs(MEAN, np.diag(SIGMA**2), SILENT)
     done = settled.begin(Mock(spec=FlightModel), subject, before, said.append)
     assert not left
