@@ -45,7 +45,7 @@ def main() -> None:
             for seed in SEEDS:
                 where = folder / f"{name}-{gust}-{seed}"
                 flown(where, seed, path, gust=gust * cruise)
-                for kind, model in fitted(where, aircraft, seed).items():
+                for kind, model in fitted(where, aircraft).items():
                     off[kind] += deviations(model, aircraft)
             rows.append((name, f"{gust * cruise:.1f}", len(SEEDS), *counted(off)))
     table.show(
@@ -60,20 +60,20 @@ def main() -> None:
     )
 
 
-def fitted(folder: Path, aircraft: Aircraft, seed: int) -> dict[str, AeroModel]:
+def fitted(folder: Path, aircraft: Aircraft) -> dict[str, AeroModel]:
     """The models of one flight: of it alone, and with a file believed."""
     one = read(folder / "flight.tlog", aircraft)
     structure = regressors.default_structure(aircraft)
     asked = ([one.samples], aircraft, structure, [one.pieces()])
     return {
         "alone": equation_error.fit(*asked),
-        "file": equation_error.fit(*asked, prior=believed(aircraft, seed)),
+        "file": equation_error.fit(*asked, prior=believed(aircraft, folder.name)),
     }
 
 
-def believed(aircraft: Aircraft, seed: int) -> dict[str, Prior]:
-    """A file that is wrong in every value, and says by how much it may be."""
-    generator = np.random.default_rng(seed)
+def believed(aircraft: Aircraft, name: str) -> dict[str, Prior]:
+    """A file that is wrong in every value, each flight's otherwise, and says by how much."""
+    generator = np.random.default_rng(list(name.encode()))
     return {
         name: Prior(
             {

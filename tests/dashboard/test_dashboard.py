@@ -49,7 +49,13 @@ def live(**parts: object) -> dict:
         "coefficients": {"CZ": {"value": -0.4567, "sd": 0.01, "age_s": 0.3}},
         "derivatives": {"CZ": {"alpha": {"value": -4.5, "sd": 0.25}}},
         "derivatives_by": "inside the filter",
-        "inside": {"phase": "known", "lost": 1, "age_s": 0.8, "wanted_s": 60.0},
+        "inside": {
+            "phase": "known",
+            "lost": 1,
+            "refused": "gusts that last <0.3 s>",
+            "age_s": 0.8,
+            "wanted_s": 60.0,
+        },
         "departures": {
             "CZ": {"since_us": -11_999_999, "size": 0.1, "deviations": 4.2, "derivative": None},
             "Cm": {"since_us": -2_999_999, "size": 0.3, "deviations": 5.0, "derivative": "<q>"},
@@ -312,7 +318,7 @@ def test_what_the_browser_shows_is_the_document(page: Page, tmp_path: Path, widt
     assert "alpha -4.50 ± 0.49" in seen
     assert "derivatives: inside the filter" in seen
     words = "Aerodynamics inside the filter: airspeed, flow angles and derivatives shown here are"
-    assert f"{words} its own; begun anew 1 times." in seen
+    assert f"{words} its own; begun anew 1 times. Last: gusts that last &lt;0.3 s&gt;." in seen
     assert html.escape("A <b>bold</b> aircraft") in seen
     assert "The vehicle refuses AOA_SSA." in seen
     assert "VFR_HUD repeats itself for 4 s and is left out." in seen
