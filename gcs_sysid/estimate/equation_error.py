@@ -186,11 +186,13 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         covariance=covariance,
         flight_value=value,
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
+        prior_precision=_precision(prior, problem.keys),
         white_deviation=np.sqrt(np.diagonal(white)),
         repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,
         correlation=basis.correlation(problem.columns),
         lowest=problem.columns.min(axis=0),
         highest=problem.columns.max(axis=0),
+        spread=problem.columns.std(axis=0),
         samples=count,
         effective_samples=_effective(count, white, coloured),
         **scatter(problem, mean)._asdict(),
@@ -349,6 +351,13 @@ def with_prior(
     kept = np.eye(len(keys)) - gain @ pick
     mean = value + gain @ (believed - pick @ value)
     return mean, kept @ covariance @ kept.T + gain @ variance @ gain.T, kept
+
+
+def _precision(prior: Prior | None, keys: tuple[str, ...]) -> Float[np.ndarray, " term"]:
+    """Of what a prior says of each term; 0 where it says nothing."""
+    sigma = {} if prior is None else prior.sigma
+    variance = np.array([sigma.get(key, np.inf) ** 2 for key in keys])
+    return 1.0 / np.maximum(variance, np.finfo(float).tiny)
 
 
 def _effective(

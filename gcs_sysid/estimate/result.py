@@ -32,6 +32,8 @@ class CoefficientFit:
         deviations: one standard deviation of `flight_value` by origin: `noise` (coloured
             residuals), `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles);
             inside the filter also `lag` (of the moments behind the surfaces).
+        prior_precision: of what was believed of each term beforehand, one over its variance; 0
+            where nothing was.
         white_deviation: what textbook least squares would claim.
         repeated_covariance: of `value` for use at regressors measured in the same way as those it
             was fitted on: without the part of regressor errors, which then repeat themselves.
@@ -42,6 +44,7 @@ class CoefficientFit:
         excitation: standard deviation of each term's contribution over that of the coefficient.
         lowest: smallest value of each regressor in the data.
         highest: largest value.
+        spread: standard deviation of each.
         samples: rows fitted.
         effective_samples: independent rows that would give the same standard errors.
     """
@@ -51,6 +54,7 @@ class CoefficientFit:
     covariance: Float[np.ndarray, "term term"]
     flight_value: Float[np.ndarray, " term"]
     deviations: Mapping[str, Float[np.ndarray, " term"]]
+    prior_precision: Float[np.ndarray, " term"]
     white_deviation: Float[np.ndarray, " term"]
     repeated_covariance: Float[np.ndarray, "term term"]
     discrepancy: float
@@ -60,6 +64,7 @@ class CoefficientFit:
     excitation: Float[np.ndarray, " term"]
     lowest: Float[np.ndarray, " term"]
     highest: Float[np.ndarray, " term"]
+    spread: Float[np.ndarray, " term"]
     samples: int
     effective_samples: float
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from gcs_sysid import regressors
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
@@ -29,9 +30,8 @@ SAMPLE = 0.02
 
 Covariances = Mapping[str, Float[np.ndarray, "term term"]]
 """Of every coefficient's terms, by name."""
-RANGES = 8.5
-"""From the lowest to the highest value of a regressor in a flight with test inputs, over its
-standard deviation: 6.7 to 9.9 in the flight of `make demo`."""
+TOLD = 0.1
+"""Share of what is known of a term that flights must have told for it to say how rows count."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,12 @@ def with_more(known: Knowledge, more: Knowledge, *, share: float = 1.0) -> Knowl
 
 
 def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
-    """What the samples of a maneuver add to the fit of one coefficient.
+    """What the samples of a maneuver add to the fit of one coefficient, X̃ᵀX̃/v + n x̄x̄ᵀ/v₁.
+
+    What stays as it is through a maneuver, its mean x̄ with that of the constant in it, counts as
+    rows did for the constant (v₁), and not as motion about it does (v): slow wind and biases hide
+    a constant. Counted alike, slopes of Cm by alpha and elevator, far from 0 in level flight, were
+    foretold twelve times what a sortie of the Aerosonde taught of them.
 
     Args:
         model: identified so far.
@@ -131,11 +136,16 @@ def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
     """
     fit = model.fits[name]
     columns = basis.columns(fit.keys, model.controls, values)
-    root = np.sqrt(_variance(fit) * SAMPLE / step)
-    products = columns.T @ columns
+    count = columns.shape[0]
+    root, still = np.sqrt(_variance(fit) * SAMPLE / step), 0.0
+    moving = columns
+    if regressors.CONSTANT in fit.keys:
+        mean = columns.mean(axis=0)
+        moving = columns - mean
+        still = count * np.outer(mean, mean) / root[fit.keys.index(regressors.CONSTANT)] ** 2
     return Rows(
-        Added(products / np.outer(root, root), columns.shape[0] * step / SAMPLE),
-        mean=products / columns.shape[0],
+        Added(still + (moving.T @ moving) / np.outer(root, root), count * step / SAMPLE),
+        mean=columns.T @ columns / count,
         spread=float((columns @ fit.value).std()),
     )
 
@@ -143,28 +153,41 @@ def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
 def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
     """Variance v that a row counts with for each term: as a row of the fit did.
 
-    From the deviation that noise left there, the number of rows, and how far the term went. Where
-    the fit does not tell how far, the residual's variance over the share of independent rows. The
-    filter's deviation is taken with the other terms known: alone, two that a flight moves together
-    are hundreds of times as wide, and by the correlation of smoothed motions not nearly so much.
+    From the deviation that noise left there, the number of rows, and how much the term varied. Of
+    one that did not, the residual's variance over the share of independent rows.
     """
     share = fit.effective_samples / max(fit.samples, 1)
     usual = np.full(len(fit.keys), fit.residual**2 / max(share, 1e-12))
-    went = (fit.highest - fit.lowest) / RANGES
-    moving = (went > 0.0) & (np.asarray(fit.deviations["noise"]) > 0.0)
+    moving = (fit.spread > 0.0) & (np.asarray(fit.deviations["noise"]) > 0.0)
     if not moving.any():
         return usual
     if gusts_teach(fit):
-        noise, _, _ = _parts(fit)
-        root = np.sqrt(np.diagonal(noise))
-        inner = np.linalg.pinv(noise / np.outer(root, root), rcond=1e-10, hermitian=True)
-        left = root**2 / np.maximum(np.diagonal(inner), 1.0)
-    else:
-        inner = np.linalg.pinv(fit.correlation[np.ix_(moving, moving)])
-        left = np.array(fit.deviations["noise"], dtype=float) ** 2
-        left[moving] /= np.maximum(np.diagonal(inner), 1.0)
-    usual[moving] = (left * fit.samples * went**2)[moving]
+        return _inside_the_filter(fit, np.where(moving, fit.spread, 1.0))
+    inner = np.linalg.pinv(fit.correlation[np.ix_(moving, moving)])
+    left = np.asarray(fit.deviations["noise"])[moving] ** 2 / np.maximum(np.diagonal(inner), 1.0)
+    usual[moving] = left * fit.samples * fit.spread[moving] ** 2
     return usual
+
+
+def _inside_the_filter(
+    fit: CoefficientFit, spread: Float[np.ndarray, " term"]
+) -> Float[np.ndarray, " term"]:
+    """The same of a fit of the filter's, from what it knows of each term were the others known.
+
+    Alone, two that a flight moves together are hundreds of times as wide, and by the correlation of
+    smoothed motions not nearly so much. What was believed beforehand is no row. Of a term that the
+    flight told next to nothing of, rows count as they do for the others.
+    """
+    noise, _, _ = _parts(fit)
+    root = np.sqrt(np.diagonal(noise))
+    inner = np.linalg.pinv(noise / np.outer(root, root), rcond=1e-10, hermitian=True)
+    known = np.maximum(np.diagonal(inner), 1.0) / root**2
+    flown = known - fit.prior_precision
+    told = flown > TOLD * known
+    each = fit.samples * spread**2 / np.maximum(flown, TOLD * known)
+    constant = np.array([key == regressors.CONSTANT for key in fit.keys])
+    others = each[told & ~constant]
+    return np.where(told | constant, each, np.median(others) if others.size else each)
 
 
 def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:

@@ -74,10 +74,12 @@ def _wider(
             },
             "noise": noise,
         },
+        prior_precision=np.concatenate([fit.prior_precision, nothing]),
         white_deviation=np.concatenate([fit.white_deviation, nothing]),
         repeated_covariance=widest,
         correlation=basis.correlation(np.concatenate([own, added], axis=1)),
         excitation=np.concatenate([fit.excitation, nothing]),
         lowest=np.concatenate([fit.lowest, added.min(axis=0)]),
         highest=np.concatenate([fit.highest, added.max(axis=0)]),
+        spread=np.concatenate([fit.spread, added.std(axis=0)]),
     )

@@ -40,6 +40,11 @@ ARRAYS = (
     "lowest",
     "highest",
 )
+LATER = ("prior_precision", "spread")
+"""Not in models of before these were kept."""
+RANGES = 8.5
+"""From the lowest to the highest value of a regressor in a flight with test inputs, over its
+standard deviation: 6.7 to 9.9 in the flight of `make demo`. What models say that have no spread."""
 NUMBERS = ("discrepancy", "calibration", "residual", "samples", "effective_samples")
 
 
@@ -67,7 +72,7 @@ def save(directory: Path, stored: StoredModel) -> None:
     arrays: dict[str, np.ndarray] = {}
     fits: dict[str, Any] = {}
     for name, fit in stored.model.fits.items():
-        for field in ARRAYS:
+        for field in (*ARRAYS, *LATER):
             arrays[f"{name}.{field}"] = np.asarray(getattr(fit, field))
         for origin, deviation in fit.deviations.items():
             arrays[f"{name}.deviation.{origin}"] = deviation
@@ -181,6 +186,11 @@ def _fit(
 ) -> CoefficientFit:
     keys = tuple(regressors.parse(key, controls=controls).key for key in entry["regressors"])
     fields: dict[str, Any] = {field: arrays[f"{name}.{field}"] for field in ARRAYS}
+    without = {
+        "prior_precision": np.zeros(len(keys)),
+        "spread": (fields["highest"] - fields["lowest"]) / RANGES,
+    }
+    fields |= {field: arrays.get(f"{name}.{field}", without[field]) for field in LATER}
     if any(set(values.shape) != {len(keys)} for values in fields.values()):
         raise ValueError(f"{name} has {len(keys)} regressors and arrays of another size")
     fields |= {field: entry[field] for field in NUMBERS}

@@ -43,6 +43,7 @@ def model(*, relative: float = 0.05) -> AeroModel:
             covariance=np.diag((relative * value) ** 2),
             flight_value=value,
             deviations={"noise": np.abs(relative * value), "scale": zero},
+            prior_precision=zero,
             white_deviation=zero,
             repeated_covariance=np.diag((relative * value) ** 2),
             discrepancy=0.0,
@@ -52,6 +53,7 @@ def model(*, relative: float = 0.05) -> AeroModel:
             excitation=np.ones(value.size),
             lowest=zero,
             highest=zero,
+            spread=zero,
             samples=10000,
             effective_samples=1000.0,
         )

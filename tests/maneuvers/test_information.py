@@ -24,6 +24,7 @@ def fitted(
         covariance=covariance,
         flight_value=VALUE,
         deviations={"noise": np.sqrt(np.diagonal(noise)), "scale": scale},
+        prior_precision=nothing,
         white_deviation=nothing,
         repeated_covariance=covariance,
         discrepancy=0.0,
@@ -33,6 +34,7 @@ def fitted(
         excitation=nothing,
         lowest=nothing,
         highest=nothing,
+        spread=nothing,
         samples=1000,
         effective_samples=100.0,
     )
@@ -166,11 +168,7 @@ def test_flying_the_same_flight_again_halves_the_noise() -> None:
     values = {name: size * RANDOM.standard_normal(1000) for name, size in deviation.items()}
     sizes = np.array(list(deviation.values()))
     noise = np.diag(3.0**2 / (1000.0 * sizes**2))
-    fit = replace(
-        fitted(noise, np.zeros(2), noise=noise),
-        lowest=-0.5 * information.RANGES * sizes,
-        highest=0.5 * information.RANGES * sizes,
-    )
+    fit = replace(fitted(noise, np.zeros(2), noise=noise), spread=sizes)
     found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
     for before, after in found.derivatives.values():
         assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)
@@ -184,12 +182,51 @@ def test_the_same_again_halves_the_noise_of_the_filter_where_terms_go_together_t
     noise = np.linalg.inv(columns.T @ columns / 0.01**2)
     sizes = columns.std(axis=0)
     made = fitted(noise, np.zeros(2), noise=noise)
-    fit = replace(
-        made,
-        deviations={**made.deviations, "lag": np.zeros(2)},
-        lowest=-0.5 * information.RANGES * sizes,
-        highest=0.5 * information.RANGES * sizes,
-    )
+    fit = replace(made, deviations={**made.deviations, "lag": np.zeros(2)}, spread=sizes)
     found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
     for before, after in found.derivatives.values():
         assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)
+
+
+def test_what_was_believed_beforehand_is_no_row() -> None:
+    """The same flight again doubles what it told, and not the prior, which told nine tenths."""
+    columns = np.stack([0.02 * RANDOM.standard_normal(1000) for _ in KEYS], axis=1)
+    columns -= columns.mean(axis=0)
+    flown, believed = columns.T @ columns / 0.01**2, np.array([0.0, 4.0 * 1000.0])
+    noise = np.linalg.inv(flown + np.diag(believed))
+    made = fitted(noise, np.zeros(2), noise=noise)
+    fit = replace(
+        made,
+        deviations={**made.deviations, "lag": np.zeros(2)},
+        prior_precision=believed,
+        spread=columns.std(axis=0),
+    )
+    values = dict(zip(KEYS, columns.T, strict=True))
+    found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
+    after = np.sqrt(np.diagonal(np.linalg.inv(2.0 * flown + np.diag(believed))))
+    for index, key in enumerate(KEYS):
+        assert found.derivatives[key][1] == pytest.approx(after[index], rel=0.01)
+
+
+@pytest.mark.parametrize("hidden", [1.0, 1e4])
+def test_what_stays_as_it_is_counts_as_rows_did_for_the_constant(hidden: float) -> None:
+    """Rows of a constant that is as well told as slopes are plain regression; else only motion."""
+    alpha = 0.02 * RANDOM.standard_normal(1000)
+    alpha -= alpha.mean()
+    flown = np.diag([1000.0 / hidden, alpha @ alpha]) / 0.01**2
+    noise = np.linalg.inv(flown)
+    made = fitted(noise, np.zeros(2), noise=noise)
+    fit = replace(
+        made,
+        keys=("1", "alpha"),
+        deviations={**made.deviations, "lag": np.zeros(2)},
+        spread=np.array([0.0, alpha.std()]),
+    )
+    values = {"alpha": 0.1 + alpha}
+    added = information.rows(AeroModel({"CZ": fit}, ()), "CZ", values, information.SAMPLE).added
+    columns = np.stack([np.ones(1000), values["alpha"]], axis=1)
+    mean = np.outer([1.0, 0.1], [1.0, 0.1]) * 1000.0 / hidden
+    expected = (mean + np.diag([0.0, alpha @ alpha])) / 0.01**2
+    np.testing.assert_allclose(added.information, expected, rtol=1e-6, atol=1e-6)
+    if hidden == 1.0:
+        np.testing.assert_allclose(expected, columns.T @ columns / 0.01**2, rtol=1e-6)
