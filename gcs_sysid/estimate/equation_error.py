@@ -186,6 +186,7 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         covariance=covariance,
         flight_value=value,
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
+        late=np.zeros(terms),
         prior_precision=_precision(prior, problem.keys),
         white_deviation=np.sqrt(np.diagonal(white)),
         repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,

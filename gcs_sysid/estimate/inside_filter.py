@@ -190,6 +190,7 @@ def _described(
             "lag": np.abs(found.late[rows]),
             "regressor": np.zeros(len(rows)),
         },
+        late=found.late[rows],
         prior_precision=np.diagonal(found.precision)[rows],
         white_deviation=found.bound[rows],
         repeated_covariance=covariance,

@@ -32,6 +32,8 @@ class CoefficientFit:
         deviations: one standard deviation of `flight_value` by origin: `noise` (coloured
             residuals), `scale` (mass, inertia, thrust), `regressor` (errors of the flow angles);
             inside the filter also `lag` (of the moments behind the surfaces).
+        late: by how much each value goes with one deviation of that lag, all in the same direction;
+            0 where none was reckoned with.
         prior_precision: of what was believed of each term beforehand, one over its variance; 0
             where nothing was.
         white_deviation: what textbook least squares would claim.
@@ -54,6 +56,7 @@ class CoefficientFit:
     covariance: Float[np.ndarray, "term term"]
     flight_value: Float[np.ndarray, " term"]
     deviations: Mapping[str, Float[np.ndarray, " term"]]
+    late: Float[np.ndarray, " term"]
     prior_precision: Float[np.ndarray, " term"]
     white_deviation: Float[np.ndarray, " term"]
     repeated_covariance: Float[np.ndarray, "term term"]

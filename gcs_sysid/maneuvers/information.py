@@ -30,6 +30,8 @@ SAMPLE = 0.02
 
 Covariances = Mapping[str, Float[np.ndarray, "term term"]]
 """Of every coefficient's terms, by name."""
+LEAST = 1e-12
+"""Smallest eigenvalue of a covariance in units of its deviations."""
 TOLD = 0.1
 """Share of what is known of a term that flights must have told for it to say how rows count."""
 
@@ -224,13 +226,16 @@ def _parts(fit: CoefficientFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     The first is the inverse of all information, that of the prior among it.
     """
-    stays = lasting(fit)
-    rest = fit.covariance - stays
-    size = np.sqrt(np.maximum(np.diagonal(rest), 1e-300))
-    correlated = rest / np.outer(size, size)
-    lag = np.minimum(np.asarray(fit.deviations.get("lag", 0.0)) / size, 1.0) * size
-    noise = np.sqrt(np.maximum(size**2 - lag**2, 1e-12 * size**2))
-    return correlated * np.outer(noise, noise), correlated * np.outer(lag, lag), stays
+    stays, lag = lasting(fit), np.outer(fit.late, fit.late)
+    return _positive(fit.covariance - stays - lag), lag, stays
+
+
+def _positive(matrix: Float[np.ndarray, "term term"]) -> Float[np.ndarray, "term term"]:
+    """Nothing is known better than exactly: rounding can leave less of what was taken from much."""
+    size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    vectors = size[:, None] * vectors
+    return (vectors * np.maximum(values, LEAST)) @ vectors.T
 
 
 def _bent(

@@ -74,6 +74,7 @@ def _wider(
             },
             "noise": noise,
         },
+        late=np.concatenate([fit.late, nothing]),
         prior_precision=np.concatenate([fit.prior_precision, nothing]),
         white_deviation=np.concatenate([fit.white_deviation, nothing]),
         repeated_covariance=widest,

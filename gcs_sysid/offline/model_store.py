@@ -40,7 +40,7 @@ ARRAYS = (
     "lowest",
     "highest",
 )
-LATER = ("prior_precision", "spread")
+LATER = ("late", "prior_precision", "spread")
 """Not in models of before these were kept."""
 RANGES = 8.5
 """From the lowest to the highest value of a regressor in a flight with test inputs, over its
@@ -186,7 +186,9 @@ def _fit(
 ) -> CoefficientFit:
     keys = tuple(regressors.parse(key, controls=controls).key for key in entry["regressors"])
     fields: dict[str, Any] = {field: arrays[f"{name}.{field}"] for field in ARRAYS}
+    origins = {origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]}
     without = {
+        "late": origins.get("lag", np.zeros(len(keys))),
         "prior_precision": np.zeros(len(keys)),
         "spread": (fields["highest"] - fields["lowest"]) / RANGES,
     }
@@ -194,5 +196,4 @@ def _fit(
     if any(set(values.shape) != {len(keys)} for values in fields.values()):
         raise ValueError(f"{name} has {len(keys)} regressors and arrays of another size")
     fields |= {field: entry[field] for field in NUMBERS}
-    origins = {origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]}
     return CoefficientFit(keys=keys, deviations=origins, **fields)

@@ -43,6 +43,7 @@ def model(*, relative: float = 0.05) -> AeroModel:
             covariance=np.diag((relative * value) ** 2),
             flight_value=value,
             deviations={"noise": np.abs(relative * value), "scale": zero},
+            late=zero,
             prior_precision=zero,
             white_deviation=zero,
             repeated_covariance=np.diag((relative * value) ** 2),

@@ -24,6 +24,7 @@ def fitted(
         covariance=covariance,
         flight_value=VALUE,
         deviations={"noise": np.sqrt(np.diagonal(noise)), "scale": scale},
+        late=nothing,
         prior_precision=nothing,
         white_deviation=nothing,
         repeated_covariance=covariance,
@@ -92,7 +93,8 @@ def test_a_lag_that_all_flights_share_stays_too() -> None:
     """It had counted as noise, and a sortie was foretold to take it away."""
     lag = 0.02 * np.abs(VALUE)
     fit = fitted(COVARIANCE + np.outer(lag, lag), np.zeros(2))
-    model = AeroModel({"Cm": replace(fit, deviations={**fit.deviations, "lag": lag})}, ())
+    late = replace(fit, deviations={**fit.deviations, "lag": lag}, late=lag)
+    model = AeroModel({"Cm": late}, ())
     much = {name: np.tile(value, 10000) for name, value in VALUES.items()}
     found = gain(model, much, information.SAMPLE)
     for index, key in enumerate(KEYS):
@@ -103,11 +105,10 @@ def test_what_flying_can_change_is_what_is_left_were_inertia_and_lag_known() -> 
     lag, scale = 0.02 * np.abs(VALUE), 0.05 * np.abs(VALUE)
     whole = COVARIANCE + np.outer(lag, lag) + np.outer(0.05 * VALUE, 0.05 * VALUE)
     made = fitted(whole, scale)
-    filtered = replace(made, deviations={**made.deviations, "lag": lag})
+    filtered = replace(made, deviations={**made.deviations, "lag": lag}, late=lag)
     more = information.Added(3.0 * np.linalg.inv(COVARIANCE), 100.0)
     found = np.sqrt(np.diagonal(information.changeable(filtered, more)))
-    # The filter's parts are told apart term by term, with the correlation of the whole.
-    np.testing.assert_allclose(found, 0.5 * np.sqrt(np.diagonal(COVARIANCE)), rtol=0.02)
+    np.testing.assert_allclose(found, 0.5 * np.sqrt(np.diagonal(COVARIANCE)), rtol=1e-9)
     bent = pulled(0.2)
     heavy = replace(bent, deviations={**bent.deviations, "scale": scale})
     heavy = replace(heavy, covariance=bent.covariance + np.outer(0.05 * VALUE, 0.05 * VALUE))
