@@ -264,6 +264,22 @@ LINES = (
         tuple(Cell("suggested_over", "all", arm) for arm in ("untuned", "well-timed", "d-optimal")),
     ),
     Line(
+        "hard pairs of causes, one of them hidden, file 5 % wrong: named alone after a minute and "
+        "a half of flight and, where that did not tell, what `suggest --separate` plans",
+        "95 %",
+        (Count("blind_pairs", "right and alone", ("yes",)),),
+    ),
+    Line(
+        "an elevator input for the short period up to 2 Hz, information a second at the same "
+        "largest angle of attack: aeroid's chirp, ours; CPU time of designing them",
+        "more, a tenth",
+        tuple(
+            Cell("design", row, column)
+            for column in ("by angle of attack", "CPU")
+            for row in ("aeroid 0.5.0: chirp, up to 2 Hz", "ours: elevator multisine")
+        ),
+    ),
+    Line(
         "UMN Thor, a real flight, nothing believed before: derivatives told / of these, agree with "
         "one of both published models at least",
         "–",
