@@ -156,7 +156,7 @@ def model(short: Slopes) -> aeroid.Model:
 
 
 def theirs(linear: aeroid.Model, short: Slopes) -> list[Designed]:
-    """aeroid's designs by the quicker of its two optimizers; its default takes an hour for one.
+    """aeroid's designs by the quicker of its two optimizers.
 
     Its multisines are left out: within bounds of every line's amplitude each is as large as may be.
     """

@@ -190,7 +190,7 @@ def test_the_same_again_halves_the_noise_of_the_filter_where_terms_go_together_t
 
 
 def test_what_was_believed_beforehand_is_no_row() -> None:
-    """The same flight again doubles what it told, and not the prior, which told nine tenths."""
+    """The same flight again doubles what it told, and not the prior, which told as much of one."""
     columns = np.stack([0.02 * RANDOM.standard_normal(1000) for _ in KEYS], axis=1)
     columns -= columns.mean(axis=0)
     flown, believed = columns.T @ columns / 0.01**2, np.array([0.0, 4.0 * 1000.0])
@@ -207,6 +207,21 @@ def test_what_was_believed_beforehand_is_no_row() -> None:
     after = np.sqrt(np.diagonal(np.linalg.inv(2.0 * flown + np.diag(believed))))
     for index, key in enumerate(KEYS):
         assert found.derivatives[key][1] == pytest.approx(after[index], rel=0.01)
+
+
+def test_rows_of_a_term_that_no_flight_told_count_as_those_of_the_others() -> None:
+    columns = np.stack([0.02 * RANDOM.standard_normal(1000) for _ in KEYS], axis=1)
+    flown = columns.T @ columns / np.outer([0.01, 0.1], [0.01, 0.1])
+    believed = np.array([0.0, 1000.0 * flown[1, 1]])
+    noise = np.linalg.inv(flown + np.diag(believed))
+    made = fitted(noise, np.zeros(2), noise=noise)
+    lagging = {**made.deviations, "lag": np.zeros(2)}
+    spread = columns.std(axis=0)
+    fit = replace(made, deviations=lagging, prior_precision=believed, spread=spread)
+    values = dict(zip(KEYS, columns.T, strict=True))
+    added = information.rows(AeroModel({"Cm": fit}, ()), "Cm", values, information.SAMPLE).added
+    expected = columns.T @ columns / 0.01**2
+    np.testing.assert_allclose(np.diagonal(added.information), np.diagonal(expected), rtol=0.01)
 
 
 @pytest.mark.parametrize("hidden", [1.0, 1e4])
