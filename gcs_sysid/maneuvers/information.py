@@ -127,8 +127,8 @@ def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
 
     What stays as it is through a maneuver, its mean x̄ with that of the constant in it, counts as
     rows did for the constant (v₁), and not as motion about it does (v): slow wind and biases hide
-    a constant. Counted alike, slopes of Cm by alpha and elevator, far from 0 in level flight, were
-    foretold twelve times what a sortie of the Aerosonde taught of them.
+    a constant. Counted alike, a sortie of the Aerosonde was foretold to leave a twelfth of what it
+    left unknown of Cm by alpha and by elevator, all else known: both are far from 0 in level flight.
 
     Args:
         model: identified so far.
