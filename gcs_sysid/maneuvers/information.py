@@ -128,7 +128,7 @@ def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
     What stays as it is through a maneuver, its mean x̄ with that of the constant in it, counts as
     rows did for the constant (v₁), and not as motion about it does (v): slow wind and biases hide
     a constant. Counted alike, a sortie of the Aerosonde was foretold to leave a twelfth of what it
-    left unknown of Cm by alpha and by elevator, all else known: both are far from 0 in level flight.
+    left unknown of Cm by alpha and by elevator, all else known: level flight has them far from 0.
 
     Args:
         model: identified so far.
