@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,8 +65,7 @@ def telling(document: dict[str, Any]) -> bool:
 def take(url: str, profile: Path) -> None:
     """Looks at the page and keeps what is seen."""
     for size, (width, height) in SIZES.items():
-        browser = Browser(url, profile / size, width=width, height=height)
-        try:
+        with closing(Browser(url, profile / size, width=width, height=height)) as browser:
             browser.until("document.querySelectorAll('.tile').length > 5")
             for theme in THEMES:
                 dark = browser.evaluate("document.documentElement.className === 'dark'")
@@ -74,8 +73,6 @@ def take(url: str, profile: Path) -> None:
                     browser.evaluate("document.getElementById('theme').click()")
                 shot = browser.call("Page.captureScreenshot", format="png")
                 picture(size, theme).write_bytes(base64.b64decode(shot["data"]))
-        finally:
-            browser.close()
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ import csv
 import json
 import re
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,8 +149,7 @@ def test_every_card_is_one_printed_page(planned, tmp_path) -> None:
     document, out = planned
     if not (out / "report.html").exists():
         reports.sheet("suggest", document, out / "maneuvers.parquet")
-    browser = Browser((out / "report.html").as_uri(), tmp_path / "profile")
-    try:
+    with closing(Browser((out / "report.html").as_uri(), tmp_path / "profile")) as browser:
         browser.until(
             "document.readyState == 'complete' && document.querySelectorAll('.card').length > 0"
             " && !document.querySelector('[data-figure]:not([data-drawn])')"
@@ -168,8 +168,6 @@ def test_every_card_is_one_printed_page(planned, tmp_path) -> None:
             printed = browser.call("Page.printToPDF", preferCSSPageSize=True)["data"]
             found = re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed))
             pages[item["name"]] = len(found)
-    finally:
-        browser.close()
     assert pages == {item["name"]: 1 for item in document["maneuvers"]}
 
 
