@@ -16,6 +16,10 @@ from gcs_sysid.report.numbers import number
 from gcs_sysid.report.sheet import Table
 
 
+FINDINGS = 4
+"""Maneuvers among the findings at most; the table has them all."""
+
+
 @dataclass(frozen=True)
 class Pair:
     """A line of a card."""
@@ -129,8 +133,9 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
                 "what the file may have wrong within its sigmas).",
             )
         )
-    for item in listed[:4]:
-        found.append(Finding("Fly", f"{_described(item)}: {_teaches(item)}."))
+    taken = [item for item in listed if item["times_in_sortie"]] or listed
+    for item in taken[:FINDINGS]:
+        found.append(Finding("Fly", f"{_described(item)}: {_teaches(item, summary)}."))
     found.append(Finding("Sortie", _sortie_lead(summary)))
     risk = max(item["envelope"]["violation_probability"] for item in listed)
     found.append(
@@ -169,14 +174,23 @@ def _amplitude(name: str, value: float) -> str:
     return f"{name} ±{math.degrees(value):.1f}°"
 
 
-def _teaches(item: Mapping) -> str:
+def _teaches(item: Mapping, summary: Mapping) -> str:
+    """The derivatives that one run tells most of, one for each coefficient that it is for.
+
+    Not the coefficients: what mass and inertia leave unknown of them no run takes away.
+    """
+    values = summary["sortie"]["derivatives"]
     parts = []
     for name in item["target"]["coefficients"]:
-        if name in item["expected"]:
-            one = item["expected"][name]
-            before, after = number(one["sd_before"], 2), number(one["sd_after"], 2)
-            parts.append(f"{name} {before} to {after} (sd)")
-    return ", ".join(parts)
+        terms = item["expected"].get(name, {"derivatives": {}})["derivatives"]
+        told = {key: one for key, one in terms.items() if key != "1" and one["sd_before"] > 0.0}
+        if not told:
+            continue
+        key, one = min(told.items(), key=lambda pair: pair[1]["sd_after"] / pair[1]["sd_before"])
+        size = abs(values[name][key]["value"]) / 100.0
+        before, after = (number(one[f"sd_{when}"] / size, 2) for when in ("before", "after"))
+        parts.append(f"{labels.derivative(name, key)} from {before} to {after} %")
+    return ", ".join(parts) + " (sd)"
 
 
 def _words(name: str) -> str:

@@ -109,6 +109,23 @@ def test_the_report_has_a_card_for_every_maneuver(planned) -> None:
     assert "Recovery: release the switch" in page
 
 
+def test_what_is_told_first_to_fly_is_what_the_sortie_flies(planned) -> None:
+    """What one run tells most of is named, as a share of the value itself."""
+    document, _ = planned
+    told = [item.text for item in findings(document) if item.topic == "Fly"]
+    taken = [item for item in document["maneuvers"] if item["times_in_sortie"]]
+    assert len(told) == min(len(taken), 4)
+    for text, item in zip(told, taken, strict=False):
+        name, before, after = re.search(r"Cm_(\S+) from ([\d.]+) to ([\d.]+) %", text).groups()
+        assert float(after) < float(before)
+        for when, said in (("sd_before", before), ("sd_after", after)):
+            sd = item["expected"]["Cm"]["derivatives"][name][when]
+            value = abs(document["sortie"]["derivatives"]["Cm"][name]["value"])
+            assert float(said) == pytest.approx(100.0 * sd / value, rel=0.06)
+    none = {**document, "maneuvers": [{**one, "times_in_sortie": 0} for one in taken]}
+    assert len([item for item in findings(none) if item.topic == "Fly"]) == min(len(taken), 4)
+
+
 def test_the_map_marks_what_is_aimed_at_without_a_region_too(planned) -> None:
     """As far as the sortie's own maneuvers for Cm go in angle of attack."""
     document, _ = planned
