@@ -15,7 +15,6 @@ from gcs_sysid.report.findings import Finding
 from gcs_sysid.report.numbers import number
 from gcs_sysid.report.sheet import Table
 
-
 FINDINGS = 4
 """Maneuvers among the findings at most; the table has them all."""
 
