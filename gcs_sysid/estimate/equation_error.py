@@ -187,7 +187,6 @@ def solve(problem: Problem, prior: Prior | None) -> CoefficientFit:
         flight_value=value,
         deviations={name: np.sqrt(np.diagonal(part)) for name, part in parts.items()},
         late=np.zeros(terms),
-        prior_precision=_precision(prior, problem.keys),
         white_deviation=np.sqrt(np.diagonal(white)),
         repeated_covariance=kept @ (parts["noise"] + parts["scale"]) @ kept.T,
         correlation=basis.correlation(problem.columns),
@@ -352,13 +351,6 @@ def with_prior(
     kept = np.eye(len(keys)) - gain @ pick
     mean = value + gain @ (believed - pick @ value)
     return mean, kept @ covariance @ kept.T + gain @ variance @ gain.T, kept
-
-
-def _precision(prior: Prior | None, keys: tuple[str, ...]) -> Float[np.ndarray, " term"]:
-    """Of what a prior says of each term; 0 where it says nothing."""
-    sigma = {} if prior is None else prior.sigma
-    variance = np.array([sigma.get(key, np.inf) ** 2 for key in keys])
-    return 1.0 / np.maximum(variance, np.finfo(float).tiny)
 
 
 def _effective(

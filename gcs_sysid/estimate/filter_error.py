@@ -21,9 +21,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
-from gcs_sysid.estimate import in_common, quick_air, scoring, settling
+from gcs_sysid.estimate import in_common, innovation_spectrum, quick_air, scoring, settling
 from gcs_sysid.estimate.flight_rows import Flight, Unknowns
 from gcs_sysid.estimate.in_common import Said
+from gcs_sysid.estimate.innovation_spectrum import Sensing
 from gcs_sysid.estimate.likelihood import Curvature
 from gcs_sysid.estimate.scoring import LostError, Scored
 from gcs_sysid.estimate.settling import Beliefs, Settled
@@ -53,6 +54,7 @@ class Fit:
         smoothed: deviations from it, and their covariance were the parameters known.
         parameters: covariance of all parameters of the mean, in the order of `ravel_pytree`.
         moved: how the last state moves with them; of what hardly changes, as the wind, every state.
+        sensing: what the filter had to go by.
         whitened: innovations over the root of their covariance.
         log_likelihood: of the rows that count, where the last steps began and after each.
         converged: whether the derivatives are told, to the deviations that are stated.
@@ -69,6 +71,7 @@ class Fit:
     smoothed: Belief
     parameters: Float[np.ndarray, "parameter parameter"]
     moved: Float[np.ndarray, "state parameter"]
+    sensing: Sensing
     whitened: Float[np.ndarray, "sample row"]
     log_likelihood: tuple[float, ...]
     converged: bool
@@ -123,6 +126,9 @@ def fit(
         smoothed=smoothed,
         parameters=covariance,
         moved=done.moved,
+        sensing=innovation_spectrum.sensing(
+            flight.rows, unknowns.log_noise, deviation.means.sensors
+        ),
         whitened=done.whitened,
         log_likelihood=done.log_likelihood,
         converged=done.settled,

@@ -191,7 +191,6 @@ def _described(
             "regressor": np.zeros(len(rows)),
         },
         late=found.late[rows],
-        prior_precision=np.diagonal(found.precision)[rows],
         white_deviation=found.bound[rows],
         repeated_covariance=covariance,
         **equation_error.scatter(problem, value)._asdict(),

@@ -34,8 +34,6 @@ class CoefficientFit:
             inside the filter also `lag` (of the moments behind the surfaces).
         late: by how much each value goes with one deviation of that lag, all in the same direction;
             0 where none was reckoned with.
-        prior_precision: of what was believed of each term beforehand, one over its variance; 0
-            where nothing was.
         white_deviation: what textbook least squares would claim.
         repeated_covariance: of `value` for use at regressors measured in the same way as those it
             was fitted on: without the part of regressor errors, which then repeat themselves.
@@ -57,7 +55,6 @@ class CoefficientFit:
     flight_value: Float[np.ndarray, " term"]
     deviations: Mapping[str, Float[np.ndarray, " term"]]
     late: Float[np.ndarray, " term"]
-    prior_precision: Float[np.ndarray, " term"]
     white_deviation: Float[np.ndarray, " term"]
     repeated_covariance: Float[np.ndarray, "term term"]
     discrepancy: float

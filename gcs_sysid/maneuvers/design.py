@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,15 @@ from jaxtyping import Bool, Float
 
 from gcs_sysid import parallel
 from gcs_sysid.aircraft import Aircraft, Envelope
-from gcs_sysid.estimate.basis import Values
+from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import axes, envelope, flown, gusts, holding, information
 from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.envelope import Excursion
 from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Drawn, Fleet, Flown, Simulator
 from gcs_sysid.maneuvers.holding import Linear
-from gcs_sysid.maneuvers.information import Added, Gain, Knowledge, Rows
+from gcs_sysid.maneuvers.information import Gain, Reach
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge
 from gcs_sysid.maneuvers.recipes import Place, Recipe
 from gcs_sysid.model.trim import Trim
 
@@ -36,8 +37,8 @@ LONGEST = 24.0
 """Longest maneuver with its answer [s]: gusts are drawn for so long."""
 CALM = 8
 """Of the aircraft flown at once, the mean first, so many fly in calm air: what they teach counts,
-the others show how far gusts and errors may carry. Where the filter found the model, which tells
-gusts from inputs, gusts teach as well, and as many aircraft in gusts are looked at."""
+the others show how far gusts and errors may carry. What gusts do to an aircraft tells next to
+nothing of it: how strong they are is as unknown."""
 TRIALS = 8
 """Times `LANES` aircraft that a maneuver must be flown by before it is suggested."""
 SHARES = np.concatenate([[0.05, 0.07], np.geomspace(0.1, 1.0, 40)])
@@ -53,7 +54,7 @@ LEAST = 0.05
 class Condition:
     """A flight condition: level flight there, the aircraft drawn for it, and their gusts.
 
-    `beside` is what `AROUND` seconds of that level flight teach, see `around`.
+    `heard` is how the filter tells of coefficients there, None where least squares made the model.
     """
 
     aircraft: Aircraft
@@ -68,7 +69,7 @@ class Condition:
     fleet: Fleet
     air: Float[np.ndarray, "draw sample six"]
     still: Flown
-    beside: Mapping[str, tuple[Added, ...]]
+    heard: Spectrum | None
 
     @property
     def height(self) -> float:
@@ -102,8 +103,9 @@ class Maneuver:
         height: likewise [m].
         flown: motions of the drawn aircraft, answer after the input included.
         excursion: how far these go.
-        rows: what it adds to each coefficient's fit, the mean over some aircraft (`CALM`).
-        each: what each of these aircraft's flights adds, by coefficient.
+        reach: how far it goes in each coefficient, the mean over some aircraft (`CALM`).
+        each: what each of these aircraft's flights adds to the fits.
+        taught: the mean of these.
     """
 
     recipe: Recipe
@@ -112,8 +114,9 @@ class Maneuver:
     height: float
     flown: Flown
     excursion: Excursion
-    rows: Mapping[str, Rows]
-    each: Mapping[str, tuple[Added, ...]]
+    reach: Mapping[str, Reach]
+    each: tuple[Added, ...]
+    taught: Added
 
     @property
     def added(self) -> Float[np.ndarray, "sample input"]:
@@ -130,15 +133,12 @@ class Maneuver:
         """Unique in a sortie."""
         return f"{self.recipe.name}_{self.airspeed:.0f}mps"
 
-    def knowledge(self) -> Knowledge:
-        """What it adds to every coefficient's fit."""
-        return {name: item.added for name, item in self.rows.items()}
-
-    def gains(self, model: AeroModel, known: Knowledge, *, repeats: int = 1) -> dict[str, Gain]:
+    def gains(self, model: AeroModel, known: Knowledge) -> dict[str, Gain]:
         """Uncertainty of every coefficient before and after it."""
+        later = known.with_more(self.taught)
         return {
-            name: information.gain(model.fits[name], item, known[name], repeats=repeats)
-            for name, item in self.rows.items()
+            name: information.gain(model.fits[name], over, known.of(name), later.of(name))
+            for name, over in self.reach.items()
         }
 
 
@@ -159,6 +159,7 @@ def condition(
     *,
     gust: float,
     generator: np.random.Generator,
+    heard: Spectrum | None = None,
 ) -> Condition:
     """Everything that maneuvers from one level flight share.
 
@@ -170,6 +171,7 @@ def condition(
         trim: level flight.
         gust: horizontal intensity that is reckoned with [m/s].
         generator: of the gusts.
+        heard: how the filter tells of coefficients there; None where least squares do.
     """
     linear = holding.linearised(aircraft, trim)
     fleet = simulator.settle(flown.lanes(drawn, 0), trim)
@@ -179,7 +181,7 @@ def condition(
     still = simulator.fly(fleet, linear, trim.density, nothing, air)
     if aircraft.envelope is None:
         raise ValueError("an aircraft without envelope has no safe maneuvers")
-    made = Condition(
+    return Condition(
         aircraft,
         model,
         aircraft.envelope,
@@ -192,20 +194,8 @@ def condition(
         fleet,
         air,
         still,
-        {},
+        heard,
     )
-    return replace(made, beside=around(made))
-
-
-def around(at: Condition) -> dict[str, tuple[Added, ...]]:
-    """What the time beside a maneuver teaches of the coefficients that gusts tell of."""
-    share = AROUND / (STEP * at.still.alpha.shape[1])
-    level = _variables(at, at.still, CALM)
-    return {
-        name: tuple(_scaled(_added(at, name, item), share) for item in level)
-        for name, fit in at.model.fits.items()
-        if information.gusts_teach(fit)
-    }
 
 
 def unsafe_level_flight(at: Condition) -> str | None:
@@ -301,47 +291,26 @@ def _why(path: Flown, at: Condition, recipe: Recipe) -> str:
 
 
 def _maneuver(at: Condition, recipe: Recipe, share: float, path: Flown) -> Maneuver:
-    rows, each = _rows(at, path)
-    excursion = Excursion(envelope.ranges(path), 0, LANES, None)
-    return Maneuver(recipe, share, at.trim.airspeed, at.height, path, excursion, rows, each)
-
-
-def _rows(at: Condition, path: Flown) -> tuple[dict[str, Rows], dict[str, tuple[Added, ...]]]:
-    """What each aircraft's flight adds to every coefficient's fit, and the mean of these."""
-    calm, gusts = _variables(at, path, 0), _variables(at, path, CALM)
-    found, each = {}, {}
-    for name, fit in at.model.fits.items():
-        parts = [information.rows(at.model, name, item, STEP) for item in calm]
-        taught = [part.added for part in parts]
-        if information.gusts_teach(fit):
-            blown = [_added(at, name, item) for item in gusts]
-            taught = [
-                one.with_more(other) for one, other in zip(blown, at.beside[name], strict=True)
-            ]
-        each[name] = tuple(taught)
-        mean = np.mean([part.information for part in taught], axis=0)
-        found[name] = Rows(
-            Added(mean, taught[0].samples),
-            np.mean([part.mean for part in parts], axis=0),
-            float(np.mean([part.spread for part in parts])),
-        )
-    return found, each
-
-
-def _added(at: Condition, name: str, values: Values) -> Added:
-    return information.rows(at.model, name, values, STEP).added
-
-
-def _scaled(item: Added, share: float) -> Added:
-    return Added(share * item.information, share * item.samples)
-
-
-def _variables(at: Condition, path: Flown, first: int) -> list[Values]:
-    """Every variable of a model along `CALM` of the flights."""
-    return [
-        flown.regressor_values(at.aircraft, at.trim.density, path, draw)
-        for draw in range(first, first + CALM)
+    """With what it teaches: to aircraft in calm air."""
+    calm = [
+        flown.regressor_values(at.aircraft, at.trim.density, path, draw) for draw in range(CALM)
     ]
+    each = tuple(information.told(at.model, item, STEP, at.heard, AROUND) for item in calm)
+    reach = {
+        name: _mean([information.reach(fit, at.model.controls, item) for item in calm])
+        for name, fit in at.model.fits.items()
+    }
+    taught = Added(np.mean([one.information for one in each], axis=0), each[0].samples)
+    excursion = Excursion(envelope.ranges(path), 0, LANES, None)
+    return Maneuver(
+        *(recipe, share, at.trim.airspeed, at.height, path, excursion, reach, each, taught)
+    )
+
+
+def _mean(each: Sequence[Reach]) -> Reach:
+    return Reach(
+        np.mean([one.mean for one in each], axis=0), float(np.mean([one.spread for one in each]))
+    )
 
 
 def _air(

@@ -14,16 +14,19 @@ What was known before the flights is weighed in again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy import linalg
 
 from gcs_sysid import regressors
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.basis import Values
+from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge
 
 SAMPLE = 0.02
 """Interval of the samples of a fit [s]: those of an inertial unit at 50 Hz."""
@@ -32,42 +35,17 @@ Covariances = Mapping[str, Float[np.ndarray, "term term"]]
 """Of every coefficient's terms, by name."""
 LEAST = 1e-12
 """Smallest eigenvalue of a covariance in units of its deviations."""
-TOLD = 0.1
-"""Share of what is known of a term that flights must have told for it to say how rows count."""
 
 
 @dataclass(frozen=True)
-class Added:
-    """Rows added to the fit of one coefficient.
+class Reach:
+    """How far a maneuver goes in the terms of one coefficient.
 
     Attributes:
-        information: XᵀX/v of its terms.
-        samples: rows of a fit that these are, at its rate.
-    """
-
-    information: Float[np.ndarray, "term term"]
-    samples: float
-
-    def with_more(self, other: Added, *, share: float = 1.0) -> Added:
-        """These and those of a maneuver flown at a share of its amplitude."""
-        return Added(self.information + share**2 * other.information, self.samples + other.samples)
-
-
-Knowledge = Mapping[str, Added]
-"""What was added to every coefficient's fit since it was made."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """What a maneuver adds to the regression of one coefficient.
-
-    Attributes:
-        added: to the fit.
         mean: of the terms' products over the maneuver, XᵀX/n.
         spread: how much the coefficient varies in the maneuver, one standard deviation.
     """
 
-    added: Added
     mean: Float[np.ndarray, "term term"]
     spread: float
 
@@ -89,12 +67,25 @@ class Gain:
     derivatives: dict[str, tuple[float, float]]
 
 
-def nothing(model: AeroModel) -> Knowledge:
-    """Nothing added yet."""
-    return {
-        name: Added(np.zeros((len(fit.keys), len(fit.keys))), 0.0)
-        for name, fit in model.fits.items()
-    }
+def nothing(model: AeroModel, heard: Spectrum | None = None) -> Knowledge:
+    """Nothing added yet.
+
+    Args:
+        model: whose fits are added to.
+        heard: by which the filter tells of them; None where least squares do.
+    """
+    errors = np.zeros(0) if heard is None else heard.precision
+    places, first = {}, 0
+    for name, fit in model.fits.items():
+        places[name] = slice(first, first + len(fit.keys))
+        first += len(fit.keys)
+    believed = np.diag(np.concatenate([np.zeros(first), errors]))
+    for name, fit in model.fits.items():
+        noise, _, _ = _parts(fit)
+        root = np.sqrt(np.diagonal(noise))
+        known = np.linalg.inv(noise / np.outer(root, root)) / np.outer(root, root)
+        believed[places[name], places[name]] = known
+    return Knowledge(places, believed, Added(np.zeros(believed.shape), 0.0))
 
 
 def noise_deviation(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
@@ -112,18 +103,31 @@ def seen(fit: CoefficientFit) -> Float[np.ndarray, "term term"]:
     return inner / np.outer(size, size)
 
 
-def gusts_teach(fit: CoefficientFit) -> bool:
-    """Whether what gusts do to the aircraft tells of it: to the filter, which tells them apart."""
-    return "lag" in fit.deviations
+def told(
+    model: AeroModel, values: Values, step: float, heard: Spectrum | None, beside: float
+) -> Added:
+    """What a maneuver adds to all fits of a model, errors behind them.
+
+    Args:
+        model: identified so far.
+        values: every variable of the model along the maneuver.
+        step: between these samples [s].
+        heard: by which the filter tells of coefficients; None where least squares do.
+        beside: level flight that goes with the maneuver [s], of which the filter hears too.
+    """
+    samples = next(iter(values.values())).size * step / SAMPLE
+    if heard is None:
+        blocks = [rows(fit, model.controls, values, step) for fit in model.fits.values()]
+        return Added(linalg.block_diag(*blocks), samples)
+    more = np.zeros(round(beside / step))
+    longer = {name: np.concatenate([item, more + item[0]]) for name, item in values.items()}
+    return Added(heard.information(model, longer, step), samples + beside / SAMPLE)
 
 
-def with_more(known: Knowledge, more: Knowledge, *, share: float = 1.0) -> Knowledge:
-    """What is known once a maneuver was flown at a share of its amplitude."""
-    return {name: item.with_more(more[name], share=share) for name, item in known.items()}
-
-
-def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
-    """What the samples of a maneuver add to the fit of one coefficient, X̃ᵀX̃/v + n x̄x̄ᵀ/v₁.
+def rows(
+    fit: CoefficientFit, controls: Sequence[str], values: Values, step: float
+) -> Float[np.ndarray, "term term"]:
+    """What samples add to the regression of one coefficient, X̃ᵀX̃/v + n x̄x̄ᵀ/v₁.
 
     What stays as it is through a maneuver, its mean x̄ with that of the constant in it, counts as
     rows did for the constant (v₁), and not as motion about it does (v): slow wind and biases hide
@@ -131,25 +135,26 @@ def rows(model: AeroModel, name: str, values: Values, step: float) -> Rows:
     left unknown of Cm by alpha and by elevator, all else known: level flight has them far from 0.
 
     Args:
-        model: identified so far.
-        name: the coefficient.
-        values: every variable of the model along the maneuver.
+        fit: of the coefficient.
+        controls: that its terms may hold.
+        values: every variable along the maneuver.
         step: between these samples [s].
     """
-    fit = model.fits[name]
-    columns = basis.columns(fit.keys, model.controls, values)
-    count = columns.shape[0]
+    columns = basis.columns(fit.keys, controls, values)
     root, still = np.sqrt(_variance(fit) * SAMPLE / step), 0.0
     moving = columns
     if regressors.CONSTANT in fit.keys:
         mean = columns.mean(axis=0)
         moving = columns - mean
-        still = count * np.outer(mean, mean) / root[fit.keys.index(regressors.CONSTANT)] ** 2
-    return Rows(
-        Added(still + (moving.T @ moving) / np.outer(root, root), count * step / SAMPLE),
-        mean=columns.T @ columns / count,
-        spread=float((columns @ fit.value).std()),
-    )
+        count, one = columns.shape[0], root[fit.keys.index(regressors.CONSTANT)]
+        still = count * np.outer(mean, mean) / one**2
+    return still + (moving.T @ moving) / np.outer(root, root)
+
+
+def reach(fit: CoefficientFit, controls: Sequence[str], values: Values) -> Reach:
+    """How far a maneuver goes in the terms of one coefficient."""
+    columns = basis.columns(fit.keys, controls, values)
+    return Reach(columns.T @ columns / columns.shape[0], float((columns @ fit.value).std()))
 
 
 def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
@@ -163,33 +168,10 @@ def _variance(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
     moving = (fit.spread > 0.0) & (np.asarray(fit.deviations["noise"]) > 0.0)
     if not moving.any():
         return usual
-    if gusts_teach(fit):
-        return _inside_the_filter(fit, np.where(moving, fit.spread, 1.0))
     inner = np.linalg.pinv(fit.correlation[np.ix_(moving, moving)])
     left = np.asarray(fit.deviations["noise"])[moving] ** 2 / np.maximum(np.diagonal(inner), 1.0)
     usual[moving] = left * fit.samples * fit.spread[moving] ** 2
     return usual
-
-
-def _inside_the_filter(
-    fit: CoefficientFit, spread: Float[np.ndarray, " term"]
-) -> Float[np.ndarray, " term"]:
-    """The same of a fit of the filter's, from what it knows of each term were the others known.
-
-    Alone, two that a flight moves together are hundreds of times as wide, and by the correlation of
-    smoothed motions not nearly so much. What was believed beforehand is no row. Of a term that the
-    flight told next to nothing of, rows count as they do for the others.
-    """
-    noise, _, _ = _parts(fit)
-    root = np.sqrt(np.diagonal(noise))
-    inner = np.linalg.pinv(noise / np.outer(root, root), rcond=1e-10, hermitian=True)
-    known = np.maximum(np.diagonal(inner), 1.0) / root**2
-    flown = known - fit.prior_precision
-    told = flown > TOLD * known
-    each = fit.samples * spread**2 / np.maximum(flown, TOLD * known)
-    constant = np.array([key == regressors.CONSTANT for key in fit.keys])
-    others = each[told & ~constant]
-    return np.where(told | constant, each, np.median(others) if others.size else each)
 
 
 def covariance(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term term"]:
@@ -278,29 +260,20 @@ def _pulled(
     return share / (1.0 - share) * size
 
 
-def gain(
-    fit: CoefficientFit,
-    rows: Rows,
-    known: Added,
-    *,
-    repeats: int = 1,
-) -> Gain:
+def gain(fit: CoefficientFit, over: Reach, known: Added, later: Added) -> Gain:
     """Uncertainty of one coefficient before and after a maneuver was flown and fitted.
 
     Args:
         fit: of the coefficient.
-        rows: that the maneuver adds.
+        over: how far the maneuver goes.
         known: what was added to the fit before.
-        repeats: how often it is flown.
+        later: what is with it.
     """
-    before, later = covariance(fit, known), known
-    for _ in range(repeats):
-        later = later.with_more(rows.added)
-    after = covariance(fit, later)
+    before, after = covariance(fit, known), covariance(fit, later)
     return Gain(
-        before=_deviation(rows.mean, before),
-        after=_deviation(rows.mean, after),
-        spread=rows.spread,
+        before=_deviation(over.mean, before),
+        after=_deviation(over.mean, after),
+        spread=over.spread,
         derivatives={
             key: (float(np.sqrt(before[index, index])), float(np.sqrt(after[index, index])))
             for index, key in enumerate(fit.keys)

@@ -25,7 +25,7 @@ from jaxtyping import Float
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import Direction
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.information import Knowledge
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.target import Target
 
 
@@ -92,7 +92,7 @@ def apart(model: AeroModel, known: Knowledge, pair: Pair) -> float:
         if not (one.any() or two.any()):
             continue
         # By noise only: mass, inertia and what was believed before are among the causes.
-        told = _beside(information.seen(fit) + known[name].information, sigma)
+        told = _beside(information.seen(fit) + known.of(name).information, sigma)
         own += float(one @ told @ one)
         other += float(two @ told @ two)
         shared += float(one @ told @ two)

@@ -12,7 +12,8 @@ from gcs_sysid import regressors
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.design import AFTER, AROUND, ON_A_LEG, Maneuver
-from gcs_sysid.maneuvers.information import Added, Covariances, Knowledge
+from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.target import Target
 
 CAREFUL = (0.25, 0.5)
@@ -93,11 +94,7 @@ def robust_worth(
 
     Logarithms make what teaches little to some of them worth less than its mean information.
     """
-    count = len(next(iter(maneuver.each.values())))
-    flights = [
-        _smaller({name: item[draw] for name, item in maneuver.each.items()}, share)
-        for draw in range(count)
-    ]
+    flights = [one.smaller(share) for one in maneuver.each]
     if before is None:
         before = target.variances(model, known)
     return float(np.mean([target.worth(model, known, more, before=before) for more in flights]))
@@ -118,6 +115,7 @@ def ranked(
 def planned(
     target: Target,
     model: AeroModel,
+    start: Knowledge,
     maneuvers: Sequence[Maneuver],
     *,
     budget: float,
@@ -133,10 +131,10 @@ def planned(
     Args:
         target: what is to be known better.
         model: identified so far.
+        start: what was added to its fits since.
         maneuvers: to choose from.
         budget: flight time [s].
     """
-    start = information.nothing(model)
     known, steps, used = start, [], 0.0
     careful = CAREFUL if poor(model) else ()
     while maneuvers:
@@ -144,14 +142,14 @@ def planned(
             item
             for item in maneuvers
             if used + _cost(item, steps, careful) <= budget
-            and target.stated_worth(model, known, item.knowledge()) >= LEAST_WORTH
+            and target.stated_worth(model, known, item.taught) >= LEAST_WORTH
         ]
         if not left:
             break
         best = _best(target, model, known, left)
         first = not any(step.maneuver is best for step in steps)
         for share in (*(careful if first else ()), 1.0):
-            later = information.with_more(known, best.knowledge(), share=share)
+            later = known.with_more(best.taught, share=share)
             worth = robust_worth(target, model, known, best, share=share)
             steps.append(_step(best, share, len(steps), used, worth))
             used += cost(best)
@@ -166,9 +164,7 @@ def _best(target: Target, model: AeroModel, known: Knowledge, left: Sequence[Man
     first few by that bound need be weighed aircraft by aircraft.
     """
     before = target.variances(model, known)
-    bounds = [
-        target.worth(model, known, item.knowledge(), before=before) / cost(item) for item in left
-    ]
+    bounds = [target.worth(model, known, item.taught, before=before) / cost(item) for item in left]
     order = sorted(range(len(left)), key=lambda place: -bounds[place])
     best, rate = left[order[0]], -np.inf
     for place in order:
@@ -182,17 +178,12 @@ def _best(target: Target, model: AeroModel, known: Knowledge, left: Sequence[Man
 
 def covariances(model: AeroModel, known: Knowledge) -> Covariances:
     """Covariance of every coefficient's terms."""
-    return {name: information.covariance(model.fits[name], item) for name, item in known.items()}
+    return {name: information.covariance(fit, known.of(name)) for name, fit in model.fits.items()}
 
 
 def _cost(item: Maneuver, steps: Sequence[Step], careful: tuple[float, ...]) -> float:
     tried = any(step.maneuver is item for step in steps)
     return cost(item) * (1 if tried else 1 + len(careful))
-
-
-def _smaller(more: Knowledge, share: float) -> Knowledge:
-    """What a maneuver teaches at a share of its amplitude: information goes with the square."""
-    return {name: Added(share**2 * item.information, item.samples) for name, item in more.items()}
 
 
 def _step(item: Maneuver, share: float, count: int, used: float, worth: float) -> Step:

@@ -21,7 +21,7 @@ from gcs_sysid.errors import UsageError
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge
 
 POINTS = 400
 """Points drawn in a region."""
@@ -50,7 +50,7 @@ class Target:
         self,
         model: AeroModel,
         known: Knowledge,
-        more: Knowledge,
+        more: Added,
         *,
         before: Sequence[float] | None = None,
     ) -> float:
@@ -64,15 +64,12 @@ class Target:
         """
         if before is None:
             before = self.variances(model, known)
-        return _shrunk(before, self.variances(model, self._later(known, more)))
+        return _shrunk(before, self.variances(model, known.with_more(more)))
 
-    def stated_worth(self, model: AeroModel, known: Knowledge, more: Knowledge) -> float:
+    def stated_worth(self, model: AeroModel, known: Knowledge, more: Added) -> float:
         """The same of what will be stated: near nothing where no flight changes what is left."""
-        later = self._later(known, more)
+        later = known.with_more(more)
         return _shrunk(self.stated(model, known), self.stated(model, later))
-
-    def _later(self, known: Knowledge, more: Knowledge) -> Knowledge:
-        return {name: known[name].with_more(more[name]) for name in self.coefficients}
 
     def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
         """What flying can change of what is asked about, once so much was added to the fits."""
@@ -87,7 +84,7 @@ class Target:
     ) -> tuple[float, ...]:
         found = []
         for name, forms in self.questions.items():
-            covariance = of(model.fits[name], known[name])
+            covariance = of(model.fits[name], known.of(name))
             found += [float(np.sum(form * covariance)) for form in forms]
         return tuple(found)
 

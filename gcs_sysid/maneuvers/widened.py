@@ -75,7 +75,6 @@ def _wider(
             "noise": noise,
         },
         late=np.concatenate([fit.late, nothing]),
-        prior_precision=np.concatenate([fit.prior_precision, nothing]),
         white_deviation=np.concatenate([fit.white_deviation, nothing]),
         repeated_covariance=widest,
         correlation=basis.correlation(np.concatenate([own, added], axis=1)),

@@ -19,7 +19,7 @@ import numpy as np
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
-from gcs_sysid.estimate import equation_error, stepwise, verdict
+from gcs_sysid.estimate import equation_error, innovation_spectrum, stepwise, verdict
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.estimate.lacking import Lacking
@@ -112,8 +112,11 @@ def run(
     table = samples_table.table(found.flights, found.scored, held_out)
     delay = sum(one.delay.value for one in found.flights) / len(flights)
     provenance = summary.flights_document(found.flights)
+    sensing = [one.sensing for one in found.fits]
     stored = StoredModel(
-        found.final, found.aircraft, delay, provenance, inside_filter=bool(found.fits)
+        *(found.final, found.aircraft, delay, provenance),
+        inside_filter=bool(found.fits),
+        sensing=innovation_spectrum.usual(sensing) if sensing else None,
     )
     model_store.save(out / "model", stored)
     documents.write_table(out / "samples.parquet", table)

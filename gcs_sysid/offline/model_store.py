@@ -21,8 +21,11 @@ import numpy as np
 from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import ModelFileError
+from gcs_sysid.estimate.innovation_spectrum import Sensing
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.gp.aerodynamics import LearnedModel
+from gcs_sysid.model.aided import Noise, Sensors
+from gcs_sysid.model.air import Turbulence
 from gcs_sysid.offline import documents, learned
 
 FORMAT = "gcs-sysid model"
@@ -40,7 +43,7 @@ ARRAYS = (
     "lowest",
     "highest",
 )
-LATER = ("late", "prior_precision", "spread")
+LATER = ("late", "spread")
 """Not in models of before these were kept."""
 RANGES = 8.5
 """From the lowest to the highest value of a regressor in a flight with test inputs, over its
@@ -58,6 +61,7 @@ class StoredModel:
         surface_delay: delay of the surfaces found in the flights [s].
         provenance: flights it was made from.
         inside_filter: whether it was found inside the aided filter, whose states it goes with.
+        sensing: what that filter had to go by; models of before this was kept have none.
     """
 
     model: AeroModel
@@ -65,6 +69,7 @@ class StoredModel:
     surface_delay: float
     provenance: list[dict[str, Any]]
     inside_filter: bool = False
+    sensing: Sensing | None = None
 
 
 def save(directory: Path, stored: StoredModel) -> None:
@@ -101,6 +106,7 @@ def save(directory: Path, stored: StoredModel) -> None:
             "surface_delay": stored.surface_delay,
             "flights": stored.provenance,
             "inside_filter": stored.inside_filter,
+            "sensing": None if stored.sensing is None else _told(stored.sensing),
         },
     )
 
@@ -141,12 +147,39 @@ def load(directory: Path) -> StoredModel:
         provenance = list(header["flights"])
         # Models of before this was told came with kinematic states as often as not.
         inside = bool(header.get("inside_filter", False))
+        sensing = _sensing(header["sensing"]) if header.get("sensing") else None
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ModelFileError(
             str(directory), f"the model is damaged ({error})", fix="run `gcs-sysid identify` again"
         ) from error
     aircraft = aircraft_file.load(directory / "aircraft.toml")
-    return StoredModel(model, aircraft, delay, provenance, inside)
+    return StoredModel(model, aircraft, delay, provenance, inside, sensing)
+
+
+def _told(sensing: Sensing) -> dict[str, Any]:
+    """As JSON, field by field."""
+
+    def plain(part: Any) -> Any:
+        if hasattr(part, "_asdict"):
+            return {name: plain(value) for name, value in part._asdict().items()}
+        return np.asarray(part).tolist()
+
+    return plain(sensing)
+
+
+def _sensing(told: Mapping[str, Any]) -> Sensing:
+    noise = {name: value for name, value in told["log_noise"].items() if name != "turbulence"}
+    blown = _arrays(told["log_noise"]["turbulence"])
+    return Sensing(
+        step=float(told["step"]),
+        shares=np.asarray(told["shares"], dtype=float),
+        log_noise=Noise(turbulence=Turbulence(**blown), **_arrays(noise)),
+        deviation=Sensors(**_arrays(told["deviation"])),
+    )
+
+
+def _arrays(told: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value, dtype=float) for name, value in told.items()}
 
 
 def _header(directory: Path) -> dict[str, Any]:
@@ -189,7 +222,6 @@ def _fit(
     origins = {origin: arrays[f"{name}.deviation.{origin}"] for origin in entry["origins"]}
     without = {
         "late": origins.get("lag", np.zeros(len(keys))),
-        "prior_precision": np.zeros(len(keys)),
         "spread": (fields["highest"] - fields["lowest"]) / RANGES,
     }
     fields |= {field: arrays.get(f"{name}.{field}", without[field]) for field in LATER}

@@ -14,12 +14,14 @@ import numpy as np
 from gcs_sysid import atmosphere, parallel
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
+from gcs_sysid.estimate import innovation_spectrum
+from gcs_sysid.estimate.innovation_spectrum import Sensing
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
-from gcs_sysid.maneuvers.information import Knowledge
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.recipes import Recipe
 from gcs_sysid.maneuvers.separation import Separation
 from gcs_sysid.maneuvers.sortie import Sortie
@@ -78,6 +80,12 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     home = None if question.home is None else suggestion_exports.home(question.home)
     stored = model_store.load(model_dir)
     aircraft = _aircraft(stored, model_dir)
+    if stored.inside_filter and stored.sensing is None:
+        raise RefusedError(
+            str(model_dir),
+            "was identified by a version that did not keep what its filter had to go by",
+            fix="run `gcs-sysid identify` again",
+        )
     generator = np.random.default_rng(question.seed)
     gust = _gust(model_dir, question.gust)
     model, target = stored.model, None
@@ -88,10 +96,13 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
             question.separate,
             lambda: samples_table.flown(model_dir, stored.model),
         )
-    known = information.nothing(model)
     progress("finding level flight", 0.02)
     drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
-    conditions, refused = _conditions(aircraft, model, drawn, gust["value"], generator, progress)
+    sensed = None if stored.sensing is None else stored.sensing.in_gusts(gust["value"])
+    conditions, refused = _conditions(
+        aircraft, model, sensed, drawn, gust["value"], generator, progress
+    )
+    known = information.nothing(model, conditions[0].heard)
     if target is None:
         target = suggestion_target.chosen(
             model, question.target, question.region, _level(conditions[0])
@@ -110,10 +121,11 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     plan = Sortie((), 0.0, before, before)
     if _wanted(question, unsure):
         progress("proving that they are safe", 0.7)
-        kept, plan, late = _chosen(target, model, candidates, 60.0 * question.minutes, generator)
+        budget = 60.0 * question.minutes
+        kept, plan, late = _chosen(target, model, known, candidates, budget, generator)
         refused += late
     names = (*aircraft.control_names, THROTTLE)
-    listed = _listed(kept, plan, names, target, model, aircraft)
+    listed = _listed(kept, plan, names, target, model, known, aircraft)
     for _, item in kept:
         documents.write_text(out / f"{item.name}.csv", suggestion_files.csv(item, names))
     suggestion_exports.write(
@@ -128,7 +140,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "flights": [],
         "confidence": question.confidence,
         "target": question.target,
-        "separate": _separated(model, plan, target),
+        "separate": _separated(model, known, plan, target),
         "region": {name: list(pair) for name, pair in target.region.items()},
         "gust": gust,
         "conditions": [_condition(item) for item in conditions],
@@ -200,6 +212,7 @@ def _warnings(gust: Mapping[str, Any]) -> list[str]:
 def _conditions(
     aircraft: Aircraft,
     model: AeroModel,
+    sensed: Sensing | None,
     drawn: Drawn,
     gust: float,
     generator: np.random.Generator,
@@ -219,8 +232,12 @@ def _conditions(
         except UsageError as error:
             refused.append(Refusal(f"{airspeed:.0f} m/s", str(error)))
             continue
+        heard = None
+        if sensed is not None:
+            heard = innovation_spectrum.spectrum(aircraft, level, sensed, tuple(model.fits))
         at = design.condition(
-            aircraft, model, simulator, drawn, level, gust=gust, generator=generator
+            *(aircraft, model, simulator, drawn, level),
+            **{"gust": gust, "generator": generator, "heard": heard},
         )
         limit = design.unsafe_level_flight(at)
         if limit is None:
@@ -282,20 +299,20 @@ def _sized(
 def _chosen(
     target: Target,
     model: AeroModel,
+    known: Knowledge,
     candidates: Sequence[tuple[Maneuver, Condition]],
     budget: float,
     generator: np.random.Generator,
 ) -> tuple[list[tuple[float, Maneuver]], Sortie, list[Refusal]]:
     """The sortie and the best single maneuvers, all of them proved safe."""
     places = {item.name: at for item, at in candidates}
-    known = information.nothing(model)
     pool = [item for item, _ in candidates]
     # Weighed once: of these dozens only those that are proved smaller change.
     rates = {item.name: rate for rate, item in sortie.ranked(target, model, known, pool)}
     proved: dict[str, Maneuver] = {}
     refused: list[Refusal] = []
     while True:
-        plan = sortie.planned(target, model, pool, budget=budget)
+        plan = sortie.planned(target, model, known, pool, budget=budget)
         best = sorted(pool, key=lambda item: -rates[item.name])[:LISTED]
         wanted = [step.maneuver for step in plan.steps] + best
         open_ones = [item for item in wanted if item.name not in proved]
@@ -322,13 +339,15 @@ def _wanted(question: Question, unsure: Mapping[str, Mapping[str, Any]]) -> bool
     return any(item["sd"] > question.confidence * item["spread"] for item in unsure.values())
 
 
-def _separated(model: AeroModel, plan: Sortie, target: Target) -> dict[str, Any] | None:
+def _separated(
+    model: AeroModel, start: Knowledge, plan: Sortie, target: Target
+) -> dict[str, Any] | None:
     """How well the first cause's size is known whatever the second's, before and after."""
     if not isinstance(target, Separation):
         return None
-    known = [information.nothing(model)]
+    known = [start]
     for step in plan.steps:
-        known.append(information.with_more(known[-1], step.maneuver.knowledge(), share=step.share))
+        known.append(known[-1].with_more(step.maneuver.taught, share=step.share))
     before, after = (
         separation.apart(model, one, target.pair) ** -0.5 for one in (known[0], known[-1])
     )
@@ -344,6 +363,7 @@ def _listed(
     names: tuple[str, ...],
     target: Target,
     model: AeroModel,
+    known: Knowledge,
     aircraft: Aircraft,
 ) -> list[dict[str, Any]]:
     if aircraft.envelope is None:
@@ -354,6 +374,7 @@ def _listed(
             names,
             target=target,
             model=model,
+            known=known,
             allowed=aircraft.envelope,
             worth=worth,
             flown=sum(step.maneuver is item and step.share == 1.0 for step in plan.steps),
@@ -378,7 +399,7 @@ def _unsure(
     """How sure the model is of each coefficient in the maneuver that varies it most."""
     found = {}
     for name in target.coefficients:
-        widest = max(candidates, key=lambda item: item.rows[name].spread)
+        widest = max(candidates, key=lambda item: item.reach[name].spread)
         one = widest.gains(model, known)[name]
         found[name] = {
             "sd": one.before,

@@ -9,9 +9,10 @@ import numpy as np
 
 from gcs_sysid.aircraft import Envelope
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design, information
+from gcs_sysid.maneuvers import design
 from gcs_sysid.maneuvers.design import Maneuver
 from gcs_sysid.maneuvers.information import Gain
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.recipes import Kind
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
@@ -35,6 +36,7 @@ def entry(
     *,
     target: Target,
     model: AeroModel,
+    known: Knowledge,
     allowed: Envelope,
     worth: float,
     flown: int,
@@ -46,6 +48,7 @@ def entry(
         names: of its columns.
         target: what it is for.
         model: identified so far.
+        known: nothing added to its fits yet.
         allowed: the envelope.
         worth: for the target and its flight time [1/s].
         flown: how often the sortie has it at full size.
@@ -53,7 +56,7 @@ def entry(
     reach = item.excursion
     inputs = moved(item, names)
     amplitude = np.abs(item.added).max(axis=0)
-    gains = item.gains(model, information.nothing(model))
+    gains = item.gains(model, known)
     asked = [name for name in target.coefficients if name in item.recipe.coefficients]
     asked = asked or list(target.coefficients)
     told = [name for name in gains if name in asked or name in item.recipe.coefficients]

@@ -47,10 +47,10 @@ numerics.keep_freed_memory()
 from gcs_sysid import aircraft_file  # noqa: E402
 from gcs_sysid.aircraft import Aircraft, Value  # noqa: E402
 from gcs_sysid.estimate.result import AeroModel  # noqa: E402
-from gcs_sysid.maneuvers import design, flown, recipes  # noqa: E402
+from gcs_sysid.maneuvers import design, flown, information, recipes  # noqa: E402
 from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
 from gcs_sysid.maneuvers.flown import LANES  # noqa: E402
-from gcs_sysid.maneuvers.information import Added, Knowledge  # noqa: E402
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge  # noqa: E402
 from gcs_sysid.offline import identify, model_store, suggest  # noqa: E402
 from gcs_sysid.offline.suggestion_target import Question  # noqa: E402
 from gcs_sysid.sitl import record, scenario  # noqa: E402
@@ -83,7 +83,7 @@ class Planned(NamedTuple):
     """
 
     legs: list[Leg]
-    foretold: list[Knowledge] | None
+    foretold: list[Added] | None
 
 
 class Known(NamedTuple):
@@ -287,11 +287,19 @@ def _flown_and_scored(arm: str, known: Known, real: Aircraft) -> dict[str, Any]:
         _identify([folder / "first.tlog", log], folder, out)
         outside = closed_loop_scores.excursions(truth, open_recording(log), planned.legs, believed)
         if planned.foretold is not None:
-            foretold = closed_loop_scores.foretell(known.model, planned.foretold)
+            foretold = closed_loop_scores.foretell(known.model, _added(known, planned.foretold))
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     method = summary["method"]["name"]
     scored = closed_loop_scores.score(model_store.load(out).model, real, foretold)
     return {**scored, **outside, **_minutes(planned.legs), "method": method}
+
+
+def _added(known: Known, flown: Sequence[Added]) -> Knowledge:
+    """What is known of the first flight's model once these maneuvers were flown."""
+    found = information.nothing(known.model, known.conditions[0].heard)
+    for more in flown:
+        found = found.with_more(more)
+    return found
 
 
 def _minutes(legs: Sequence[Leg]) -> dict[str, float]:
@@ -317,7 +325,10 @@ def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
     gust = suggest._gust(folder / "before", None)["value"]
     generator = np.random.default_rng(seed)
     drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
-    conditions, _ = suggest._conditions(aircraft, stored.model, drawn, gust, generator, _silent)
+    sensed = None if stored.sensing is None else stored.sensing.in_gusts(gust)
+    conditions, _ = suggest._conditions(
+        aircraft, stored.model, sensed, drawn, gust, generator, _silent
+    )
     return Known(believed, stored.model, conditions, document, folder, seed)
 
 
@@ -402,7 +413,7 @@ def _planned(arm: str, known: Known) -> Planned:
     ]
     order = _filling(runs)
     flown = _flown([runs[place] for place in order], believed)
-    return Planned(flown, [pool[place].knowledge() for place in order])
+    return Planned(flown, [pool[place].taught for place in order])
 
 
 def _suggested(known: Known) -> Planned:
@@ -424,7 +435,7 @@ def _suggested(known: Known) -> Planned:
     return Planned(flown, [taught[names[place]] for place in order])
 
 
-def _taught(known: Known, entry: dict[str, Any]) -> Knowledge:
+def _taught(known: Known, entry: dict[str, Any]) -> Added:
     """What a listed maneuver should teach: its recipe is sized again, and made as small as it is.
 
     A document tells that of a coefficient's own deviations only, and of a sortie as a whole.
@@ -435,11 +446,7 @@ def _taught(known: Known, entry: dict[str, Any]) -> Knowledge:
                 continue
             one = design.sized(at, recipe)
             if isinstance(one, Maneuver):
-                share = (entry["share_of_full_size"] / one.share) ** 2
-                return {
-                    name: Added(share * item.information, item.samples)
-                    for name, item in one.knowledge().items()
-                }
+                return one.taught.smaller(entry["share_of_full_size"] / one.share)
     raise ValueError(f"no recipe for {entry['name']}")
 
 
@@ -483,9 +490,11 @@ def _pool(known: Known, wanted: Sequence[str]) -> list[Maneuver]:
 
 
 def _determinant(item: Maneuver) -> float:
+    """Of XᵀX a second, as textbooks have it: noise is white, whatever else is unknown."""
     total = 0.0
     for name in ("Cl", "Cm", "Cn"):
-        total += np.linalg.slogdet(item.rows[name].added.information + 1e-9)[1]
+        rows = item.flown.alpha.shape[1] * item.reach[name].mean
+        total += np.linalg.slogdet(rows + 1e-9)[1]
     return total / item.recipe.duration
 
 

@@ -18,7 +18,7 @@ from gcs_sysid.aircraft import Aircraft, Envelope
 from gcs_sysid.atmosphere import GRAVITY, SEA_LEVEL_DENSITY
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
-from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge
 from gcs_sysid.offline import servo_outputs
 from gcs_sysid.reconstruct.control_history import SERVO_STREAM
 from gcs_sysid.recording import Recording
@@ -48,7 +48,7 @@ def score(model: AeroModel, real: Aircraft, foretold: Deviations | None) -> dict
         foretold: deviations by `foretell`; the ratio to them is a median.
     """
     errors, deviations, with_lag, ratios = [], [], [], []
-    reached = foretell(model, ())
+    reached = foretell(model, information.nothing(model))
     for name, keys in PRIMARY.items():
         fit = model.fits.get(name)
         for key in keys:
@@ -69,13 +69,10 @@ def score(model: AeroModel, real: Aircraft, foretold: Deviations | None) -> dict
     }
 
 
-def foretell(model: AeroModel, flown: Sequence[Knowledge]) -> Deviations:
-    """Deviations without what no flight takes away, once these maneuvers were flown."""
-    known = information.nothing(model)
-    for more in flown:
-        known = information.with_more(known, more)
+def foretell(model: AeroModel, known: Knowledge) -> Deviations:
+    """Deviations without what no flight takes away, once so much was added to the fits."""
     return {
-        name: dict(zip(fit.keys, _changeable(fit, known[name]).tolist(), strict=True))
+        name: dict(zip(fit.keys, _changeable(fit, known.of(name)).tolist(), strict=True))
         for name, fit in model.fits.items()
     }
 

@@ -70,7 +70,7 @@ def polynomial() -> AeroModel:
         return CoefficientFit(
             keys=keys, value=np.array(value), covariance=1e-4 * np.eye(size),
             flight_value=np.array(value), deviations={}, late=np.zeros(size),
-            prior_precision=np.zeros(size), white_deviation=np.ones(size),
+            white_deviation=np.ones(size),
             repeated_covariance=1e-4 * np.eye(size), discrepancy=0.15, calibration=1.0,
             residual=0.1, correlation=np.eye(size), excitation=np.ones(size),
             lowest=np.full(size, -1.0), highest=np.ones(size), spread=np.ones(size), samples=900,

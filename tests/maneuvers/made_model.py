@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.maneuvers.knowledge import Added
 from tests.offline.made_aircraft import small
 
 TERMS = {
@@ -31,6 +34,14 @@ def aircraft() -> Aircraft:
     return replace(small(), aerodynamics=models, servos=servos)
 
 
+def rows_of(of: AeroModel, blocks: Mapping[str, np.ndarray], samples: float = 1.0) -> Added:
+    """Information on the terms of some coefficients, each by itself."""
+    every = [
+        blocks.get(name, np.zeros((len(fit.keys), len(fit.keys)))) for name, fit in of.fits.items()
+    ]
+    return Added(linalg.block_diag(*every), samples)
+
+
 def model(*, relative: float = 0.05) -> AeroModel:
     """With every value known to this part of itself, independently."""
     fits = {}
@@ -44,7 +55,6 @@ def model(*, relative: float = 0.05) -> AeroModel:
             flight_value=value,
             deviations={"noise": np.abs(relative * value), "scale": zero},
             late=zero,
-            prior_precision=zero,
             white_deviation=zero,
             repeated_covariance=np.diag((relative * value) ** 2),
             discrepancy=0.0,

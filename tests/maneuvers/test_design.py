@@ -13,6 +13,8 @@ from scipy import linalg
 
 from gcs_sysid.aircraft import Value
 from gcs_sysid.errors import UsageError
+from gcs_sysid.estimate import basis
+from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import file_sigmas, suspects
 from gcs_sysid.maneuvers import (
@@ -29,6 +31,7 @@ from gcs_sysid.maneuvers import (
 from gcs_sysid.maneuvers import target as targets
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, STEP, Simulator
+from gcs_sysid.maneuvers.knowledge import Added
 from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.model import rigid_body, trim
 from tests.maneuvers.made_model import aircraft, model
@@ -288,8 +291,9 @@ def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
     before = {name: fit.covariance for name, fit in model().fits.items()}
     known = targets.derivatives(model(), ("Cl", "Cm", "Cn"))
     items = list(planned.values())
-    ranked = sortie.ranked(known, model(), information.nothing(model()), items)
-    plan = sortie.planned(known, model(), items, budget=300.0)
+    start = information.nothing(model())
+    ranked = sortie.ranked(known, model(), start, items)
+    plan = sortie.planned(known, model(), start, items, budget=300.0)
     assert plan.steps[0].maneuver is ranked[0][1]
     assert plan.duration <= 300.0
     worth = [step.worth / sortie.cost(step.maneuver) for step in plan.steps]
@@ -299,7 +303,7 @@ def test_a_sortie_takes_what_is_worth_most_and_stops(at, planned) -> None:
     for name, later in plan.after.items():
         assert np.all(np.diagonal(later) <= np.diagonal(before[name]) * (1.0 + 1e-9))
     sure = model(relative=1e-6)
-    assert sortie.planned(known, sure, items, budget=300.0).steps == ()
+    assert sortie.planned(known, sure, information.nothing(sure), items, budget=300.0).steps == ()
 
 
 def test_nothing_is_flown_for_what_only_an_inertia_leaves_unsure(planned) -> None:
@@ -313,31 +317,28 @@ def test_nothing_is_flown_for_what_only_an_inertia_leaves_unsure(planned) -> Non
     )
     unsure = AeroModel(fits, model().controls)
     known = targets.derivatives(unsure, ("Cl", "Cm", "Cn"))
-    plan = sortie.planned(known, unsure, list(planned.values()), budget=300.0)
+    plan = sortie.planned(
+        known, unsure, information.nothing(unsure), list(planned.values()), budget=300.0
+    )
     assert {step.maneuver.recipe.name for step in plan.steps} == {"aileron_rudder_multisine"}
 
 
 def test_what_half_of_the_aircraft_learn_nothing_from_is_not_flown_first(planned) -> None:
     """Two maneuvers that teach the same in the mean over the aircraft drawn."""
     steady = planned["elevator_doublet"]
-    mean = steady.knowledge()
-    draws = len(next(iter(steady.each.values())))
+    mean, draws = steady.taught, len(steady.each)
     assert draws == design.CALM == 8
-    steady = replace(steady, each={name: (item,) * draws for name, item in mean.items()})
+    steady = replace(steady, each=(mean,) * draws)
     risky = replace(
         steady,
-        each={
-            name: tuple(
-                information.Added(2.0 * (draw % 2) * item.information, item.samples)
-                for draw in range(draws)
-            )
-            for name, item in mean.items()
-        },
+        each=tuple(
+            Added(2.0 * (draw % 2) * mean.information, mean.samples) for draw in range(draws)
+        ),
     )
     known, start = targets.derivatives(model(), ("Cm",)), information.nothing(model())
-    worth = [known.worth(model(), start, item.knowledge()) for item in (risky, steady)]
+    worth = [known.worth(model(), start, item.taught) for item in (risky, steady)]
     assert worth[0] == pytest.approx(worth[1])
-    plan = sortie.planned(known, model(), [risky, steady], budget=60.0)
+    plan = sortie.planned(known, model(), start, [risky, steady], budget=60.0)
     assert plan.steps[0].maneuver is steady
 
 
@@ -347,7 +348,7 @@ def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
     assert not sortie.poor(model())
     known = targets.derivatives(loose, ("Cm",))
     items = [planned["elevator_multisine"]]
-    plan = sortie.planned(known, loose, items, budget=300.0)
+    plan = sortie.planned(known, loose, information.nothing(loose), items, budget=300.0)
     assert [step.share for step in plan.steps][:3] == [0.25, 0.5, 1.0]
 
 
@@ -369,34 +370,43 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
 
     def told(item: Maneuver) -> float:
         before = separation.apart(model(), start, pair)
-        flights = range(design.CALM)
-        each = [{name: parts[draw] for name, parts in item.each.items()} for draw in flights]
-        after = [separation.apart(model(), information.with_more(start, one), pair)
-                 for one in each]  # fmt: skip
+        after = [separation.apart(model(), start.with_more(one), pair) for one in item.each]
         return float(np.mean(0.5 * np.log(np.array(after) / before))) / sortie.cost(item)
 
-    plan = sortie.planned(asked, model(), items, budget=60.0)
+    plan = sortie.planned(asked, model(), start, items, budget=60.0)
     best = plan.steps[0].maneuver
     assert told(best) == max(told(item) for item in items) > 0.0
     assert "elevator" in best.recipe.name or best.recipe.name == "wind_up_turn"
 
 
-def test_gusts_teach_where_the_filter_found_the_model(at, planned) -> None:
-    """As do the turns beside a maneuver; to least squares what gusts do is an error."""
-    item = planned["elevator_doublet"]
-    fits = {
-        name: replace(fit, deviations={**fit.deviations, "lag": np.zeros(len(fit.keys))})
-        for name, fit in model().fits.items()
+def white(at: Condition, variance: float) -> Spectrum:
+    """A filter to which rows of every coefficient count alike, whatever their frequency."""
+    names = tuple(model().fits)
+    density = np.zeros((2, len(names) + 1, len(names) + 1), dtype=complex)
+    density[:, : len(names), : len(names)] = np.eye(len(names)) / variance
+    values = {
+        name: {key: item.value for key, item in one.terms.items()}
+        for name, one in at.aircraft.aerodynamics.items()
     }
-    told = replace(at, model=AeroModel(fits, model().controls))
-    told = replace(told, beside=design.around(told))
-    again = design.sized(told, item.recipe)
+    edges = np.array([0.0, 0.5 / STEP])
+    precision = np.array([1e12, 1e12])
+    return Spectrum(STEP, edges, density, names, precision, values, at.aircraft.control_names)
+
+
+def test_what_the_filter_hears_is_what_a_maneuver_teaches(at, planned) -> None:
+    """Where rows count alike that is plain regression on the motion in calm air; level flight
+    beside the maneuver counts as well."""
+    item, variance = planned["elevator_doublet"], 1e-4
+    heard = white(at, variance)
+    again = design.sized(replace(at, heard=heard), item.recipe)
     assert isinstance(again, Maneuver)
     assert again.share == item.share
-    beta = model().fits["Cn"].keys.index("beta")
-    ratio = (
-        again.rows["Cn"].added.information[beta, beta]
-        / item.rows["Cn"].added.information[beta, beta]
-    )
-    assert ratio > 100.0, "in calm air an elevator does not make the aircraft slip"
-    assert again.rows["Cn"].spread == pytest.approx(item.rows["Cn"].spread)
+    known = information.nothing(model(), heard)
+    fit = model().fits["Cm"]
+    motion = flown.regressor_values(at.aircraft, at.trim.density, again.flown, 0)
+    columns = basis.columns(fit.keys, model().controls, motion)
+    beside = round(design.AROUND / STEP) * np.outer(columns[0], columns[0])
+    expected = (columns.T @ columns + beside) / variance
+    first = known.with_more(again.each[0]).of("Cm").information
+    np.testing.assert_allclose(first, expected, rtol=1e-6, atol=1e-9 * expected.max())
+    assert again.reach["Cm"].spread == pytest.approx(item.reach["Cm"].spread)

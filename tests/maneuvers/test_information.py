@@ -8,6 +8,7 @@ import pytest
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.information import Gain
+from gcs_sysid.maneuvers.knowledge import Added
 
 KEYS = ("alpha", "qhat")
 VALUE = np.array([-2.0, -20.0])
@@ -25,7 +26,6 @@ def fitted(
         flight_value=VALUE,
         deviations={"noise": np.sqrt(np.diagonal(noise)), "scale": scale},
         late=nothing,
-        prior_precision=nothing,
         white_deviation=nothing,
         repeated_covariance=covariance,
         discrepancy=0.0,
@@ -50,8 +50,10 @@ VALUES = {
 
 def gain(model: AeroModel, values: dict[str, np.ndarray], step: float) -> Gain:
     fit = model.fits["Cm"]
-    none = information.nothing(model)["Cm"]
-    return information.gain(fit, information.rows(model, "Cm", values, step), none)
+    none = information.nothing(model)
+    later = none.with_more(information.told(model, values, step, None, 0.0))
+    reach = information.reach(fit, model.controls, values)
+    return information.gain(fit, reach, none.of("Cm"), later.of("Cm"))
 
 
 def test_a_maneuver_adds_its_information() -> None:
@@ -106,7 +108,7 @@ def test_what_flying_can_change_is_what_is_left_were_inertia_and_lag_known() -> 
     whole = COVARIANCE + np.outer(lag, lag) + np.outer(0.05 * VALUE, 0.05 * VALUE)
     made = fitted(whole, scale)
     filtered = replace(made, deviations={**made.deviations, "lag": lag}, late=lag)
-    more = information.Added(3.0 * np.linalg.inv(COVARIANCE), 100.0)
+    more = Added(3.0 * np.linalg.inv(COVARIANCE), 100.0)
     found = np.sqrt(np.diagonal(information.changeable(filtered, more)))
     np.testing.assert_allclose(found, 0.5 * np.sqrt(np.diagonal(COVARIANCE)), rtol=1e-9)
     bent = pulled(0.2)
@@ -143,7 +145,7 @@ def pulled(share: float) -> CoefficientFit:
 def test_more_of_the_same_does_not_take_errors_of_the_regressors_away() -> None:
     """As many rows with as much information as the fit had: half the noise variance, same pull."""
     fit = pulled(0.2)
-    same = information.Added(np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
+    same = Added(np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
     found = np.sqrt(np.diagonal(information.covariance(fit, same)))
     np.testing.assert_allclose(found, 0.25 * np.abs(VALUE), rtol=2e-3)
 
@@ -151,7 +153,7 @@ def test_more_of_the_same_does_not_take_errors_of_the_regressors_away() -> None:
 def test_larger_motion_does() -> None:
     """Three times the amplitude for as long: 9 + 1 times the information, twice the errors."""
     fit = pulled(0.2)
-    larger = information.Added(9.0 * np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
+    larger = Added(9.0 * np.linalg.inv(1e-4 * COVARIANCE), 1000.0)
     found = np.sqrt(np.diagonal(information.covariance(fit, larger)))
     share = 0.2 * 2.0 / 10.0
     np.testing.assert_allclose(found, share / (1.0 - share) * np.abs(VALUE), rtol=1e-2)
@@ -159,7 +161,7 @@ def test_larger_motion_does() -> None:
 
 def test_a_fit_that_nothing_was_added_to_is_as_sure_as_it_was() -> None:
     for fit in (fitted(COVARIANCE, 0.1 * np.abs(VALUE)), pulled(0.3)):
-        none = information.Added(np.zeros((2, 2)), 0.0)
+        none = Added(np.zeros((2, 2)), 0.0)
         np.testing.assert_allclose(information.covariance(fit, none), fit.covariance, rtol=1e-9)
 
 
@@ -175,74 +177,23 @@ def test_flying_the_same_flight_again_halves_the_noise() -> None:
         assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)
 
 
-def test_the_same_again_halves_the_noise_of_the_filter_where_terms_go_together_too() -> None:
-    """Alone, each is ten times as wide as with the other known; all information tells both."""
-    alpha = 0.02 * RANDOM.standard_normal(1000)
-    values = {"alpha": alpha, "qhat": 0.05 * alpha + 1e-4 * RANDOM.standard_normal(1000)}
-    columns = np.stack([values[key] for key in KEYS], axis=1)
-    noise = np.linalg.inv(columns.T @ columns / 0.01**2)
-    sizes = columns.std(axis=0)
-    made = fitted(noise, np.zeros(2), noise=noise)
-    fit = replace(made, deviations={**made.deviations, "lag": np.zeros(2)}, spread=sizes)
-    found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
-    for before, after in found.derivatives.values():
-        assert after / before == pytest.approx(np.sqrt(0.5), rel=0.05)
-
-
-def test_what_was_believed_beforehand_is_no_row() -> None:
-    """The same flight again doubles what it told, and not the prior, which told as much of one."""
-    columns = np.stack([0.02 * RANDOM.standard_normal(1000) for _ in KEYS], axis=1)
-    columns -= columns.mean(axis=0)
-    flown, believed = columns.T @ columns / 0.01**2, np.array([0.0, 4.0 * 1000.0])
-    noise = np.linalg.inv(flown + np.diag(believed))
-    made = fitted(noise, np.zeros(2), noise=noise)
-    fit = replace(
-        made,
-        deviations={**made.deviations, "lag": np.zeros(2)},
-        prior_precision=believed,
-        spread=columns.std(axis=0),
-    )
-    values = dict(zip(KEYS, columns.T, strict=True))
-    found = gain(AeroModel({"Cm": fit}, ()), values, information.SAMPLE)
-    after = np.sqrt(np.diagonal(np.linalg.inv(2.0 * flown + np.diag(believed))))
-    for index, key in enumerate(KEYS):
-        assert found.derivatives[key][1] == pytest.approx(after[index], rel=0.01)
-
-
-def test_rows_of_a_term_that_no_flight_told_count_as_those_of_the_others() -> None:
-    columns = np.stack([0.02 * RANDOM.standard_normal(1000) for _ in KEYS], axis=1)
-    flown = columns.T @ columns / np.outer([0.01, 0.1], [0.01, 0.1])
-    believed = np.array([0.0, 1000.0 * flown[1, 1]])
-    noise = np.linalg.inv(flown + np.diag(believed))
-    made = fitted(noise, np.zeros(2), noise=noise)
-    lagging = {**made.deviations, "lag": np.zeros(2)}
-    spread = columns.std(axis=0)
-    fit = replace(made, deviations=lagging, prior_precision=believed, spread=spread)
-    values = dict(zip(KEYS, columns.T, strict=True))
-    added = information.rows(AeroModel({"Cm": fit}, ()), "Cm", values, information.SAMPLE).added
-    expected = columns.T @ columns / 0.01**2
-    np.testing.assert_allclose(np.diagonal(added.information), np.diagonal(expected), rtol=0.01)
-
-
-@pytest.mark.parametrize("hidden", [1.0, 1e4])
-def test_what_stays_as_it_is_counts_as_rows_did_for_the_constant(hidden: float) -> None:
-    """Rows of a constant that is as well told as slopes are plain regression; else only motion."""
+@pytest.mark.parametrize("share", [1.0, 1e-4])
+def test_what_stays_as_it_is_counts_as_rows_did_for_the_constant(share: float) -> None:
+    """Where all rows are independent that is plain regression; where few are, all but motion."""
     alpha = 0.02 * RANDOM.standard_normal(1000)
     alpha -= alpha.mean()
-    flown = np.diag([1000.0 / hidden, alpha @ alpha]) / 0.01**2
-    noise = np.linalg.inv(flown)
-    made = fitted(noise, np.zeros(2), noise=noise)
+    noise = np.diag([0.01**2 / (1000.0 * share), 0.01**2 / (alpha @ alpha)])
     fit = replace(
-        made,
+        fitted(noise, np.zeros(2), noise=noise),
         keys=("1", "alpha"),
-        deviations={**made.deviations, "lag": np.zeros(2)},
         spread=np.array([0.0, alpha.std()]),
+        effective_samples=1000.0 * share,
     )
     values = {"alpha": 0.1 + alpha}
-    added = information.rows(AeroModel({"CZ": fit}, ()), "CZ", values, information.SAMPLE).added
+    added = information.rows(fit, (), values, information.SAMPLE)
     columns = np.stack([np.ones(1000), values["alpha"]], axis=1)
-    mean = np.outer([1.0, 0.1], [1.0, 0.1]) * 1000.0 / hidden
+    mean = np.outer([1.0, 0.1], [1.0, 0.1]) * 1000.0 * share
     expected = (mean + np.diag([0.0, alpha @ alpha])) / 0.01**2
-    np.testing.assert_allclose(added.information, expected, rtol=1e-6, atol=1e-6)
-    if hidden == 1.0:
+    np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-6)
+    if share == 1.0:
         np.testing.assert_allclose(expected, columns.T @ columns / 0.01**2, rtol=1e-6)

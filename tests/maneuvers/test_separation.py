@@ -12,14 +12,14 @@ from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.suspects import Direction, file_sigmas, named, suspects
 from gcs_sysid.estimate.traces import traces
 from gcs_sysid.maneuvers import information, separation
-from gcs_sysid.maneuvers.information import Added, Knowledge
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.offline import suggestion_target
 from gcs_sysid.offline.model_store import StoredModel
 from tests.blind.draw import load
 from tests.blind.pairs import PAIRS
 from tests.blind.pairs import Pair as HardPair
-from tests.maneuvers.made_model import aircraft, model
+from tests.maneuvers.made_model import aircraft, model, rows_of
 
 
 def stored() -> StoredModel:
@@ -40,8 +40,8 @@ def more(seed: int) -> Knowledge:
     found = {}
     for name, fit in model().fits.items():
         rows = generator.standard_normal((9, len(fit.keys))) / (0.05 * np.abs(fit.value))
-        found[name] = Added(rows.T @ rows, 9.0)
-    return found
+        found[name] = rows.T @ rows
+    return information.nothing(model()).with_more(rows_of(model(), found, 9.0))
 
 
 def regressed(known: Knowledge, pair: Pair) -> float:
@@ -51,7 +51,7 @@ def regressed(known: Knowledge, pair: Pair) -> float:
     """
     roots, ones, others, sigmas = [], [], [], []
     for name, fit in model().fits.items():
-        total = np.diag((0.05 * fit.value) ** -2.0) + known[name].information
+        total = np.diag((0.05 * fit.value) ** -2.0) + known.of(name).information
         roots.append(np.linalg.cholesky(total).T)
         ones += [pair.first.get((name, key), 0.0) for key in fit.keys]
         others += [pair.second.get((name, key), 0.0) for key in fit.keys]
@@ -82,7 +82,7 @@ def test_what_is_left_is_that_of_a_regression(first: str, second: str) -> None:
     asked = separation.separation(model(), f"{first} or {second}", pair)
     start = information.nothing(model())
     expected = 0.5 * np.log(regressed(more(1), pair) / regressed(start, pair))
-    assert asked.worth(model(), start, more(1)) == pytest.approx(expected)
+    assert asked.worth(model(), start, more(1).added) == pytest.approx(expected)
 
 
 def test_what_is_like_itself_is_told_by_nothing() -> None:
@@ -97,11 +97,12 @@ def test_what_the_file_may_have_wrong_says_nothing_of_a_cause() -> None:
     """However much is flown, of a mass no more is known than all forces of the file say."""
     made, much = aircraft(), {}
     for name, fit in model().fits.items():
-        much[name] = Added(1e12 * np.diag(np.square(fit.value) ** -1.0), 1e6)
+        much[name] = 1e12 * np.diag(np.square(fit.value) ** -1.0)
     pair = Pair(moved(made, "mass"), {}, file_sigmas(made))
     count = sum(len(model().fits[name].keys) for name in ("CX", "CY", "CZ"))
     # Each derivative of the made file is known to a twentieth of itself.
-    known = separation.apart(model(), much, pair)
+    told = information.nothing(model()).with_more(rows_of(model(), much, 1e6))
+    known = separation.apart(model(), told, pair)
     assert known == pytest.approx(count / 0.05**2, rel=1e-3)
 
 

@@ -10,25 +10,26 @@ import pytest
 from gcs_sysid.errors import UsageError
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers import target as targets
-from tests.maneuvers.made_model import model
+from gcs_sysid.maneuvers.knowledge import Added
+from tests.maneuvers.made_model import model, rows_of
 
 BEFORE = {name: fit.covariance for name, fit in model().fits.items()}
 NOTHING = information.nothing(model())
 
 
-def more(added: np.ndarray) -> information.Knowledge:
+def more(added: np.ndarray) -> Added:
     """Information on the pitching moment's terms."""
-    return {**NOTHING, "Cm": information.Added(added, 1.0)}
+    return rows_of(model(), {"Cm": added})
 
 
 def test_halving_a_deviation_is_worth_the_logarithm_of_two() -> None:
     known = targets.derivative(model(), "Cm", "qhat")
     index = model().fits["Cm"].keys.index("qhat")
-    added = NOTHING["Cm"].information.copy()
+    added = NOTHING.of("Cm").information.copy()
     # Information three times as much as before: a quarter of the variance is left.
     added[index, index] = 3.0 / BEFORE["Cm"][index, index]
     assert known.worth(model(), NOTHING, more(added)) == pytest.approx(np.log(2.0))
-    assert known.worth(model(), NOTHING, NOTHING) == pytest.approx(0.0)
+    assert known.worth(model(), NOTHING, NOTHING.added) == pytest.approx(0.0)
 
 
 def test_all_derivatives_count_alike_and_the_constant_does_not() -> None:
@@ -59,9 +60,9 @@ def test_a_region_asks_where_it_is() -> None:
     level = {"alpha": 0.05, "qhat": 0.0, "elevator": 0.0}
     far = targets.region(model(), ("Cm",), {"alpha": (0.18, 0.2)}, level)
     near = targets.region(model(), ("Cm",), {"alpha": (-0.002, 0.002)}, level)
-    slope = NOTHING["Cm"].information.copy()
+    slope = NOTHING.of("Cm").information.copy()
     slope[1, 1] = 1e9
-    constant = NOTHING["Cm"].information.copy()
+    constant = NOTHING.of("Cm").information.copy()
     constant[0, 0] = 1e9
     worth = [
         [known.worth(model(), NOTHING, more(added)) for added in (slope, constant)]

@@ -11,11 +11,10 @@ from gcs_sysid.aircraft import CoefficientModel, Value
 from gcs_sysid.estimate import basis, traces
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information, separation
-from gcs_sysid.maneuvers.information import Added
 from gcs_sysid.maneuvers.widened import widened
 from gcs_sysid.offline import suggestion_target
 from gcs_sysid.offline.model_store import StoredModel
-from tests.maneuvers.made_model import aircraft, model
+from tests.maneuvers.made_model import aircraft, model, rows_of
 
 COUNT = 500
 NOISE = 0.02
@@ -93,11 +92,8 @@ def test_thrust_and_drag_come_apart_where_thrust_varies(asked: str) -> None:
     assert set(target.coefficients) == {"CX"}
     before = separation.apart(wide, information.nothing(wide), target.pair)
     columns = basis.columns(wide.fits["CX"].keys, wide.controls, flown(3, thrust=0.3))
-    more = {
-        **information.nothing(wide),
-        "CX": Added(columns.T @ columns / NOISE**2, float(COUNT)),
-    }
-    after = separation.apart(wide, more, target.pair)
+    rows = rows_of(wide, {"CX": columns.T @ columns / NOISE**2}, float(COUNT))
+    after = separation.apart(wide, information.nothing(wide).with_more(rows), target.pair)
     assert before < 1e-3 * after
     thrust, one = columns[:, -1], np.ones(COUNT)
     # Two flights of one constant each: the first fixes the drag by its own thrust.

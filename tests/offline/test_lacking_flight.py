@@ -9,8 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from gcs_sysid.offline import model_store
 from tests.offline.conftest import ROOT, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -56,3 +58,11 @@ def test_a_flight_with_nothing_hidden_asks_for_nothing(tmp_path: Path) -> None:
     told = run([log], tmp_path / "out", aircraft=FILE, method="filter-error").summary
     assert told["method"]["name"] == "filter_error"
     assert told["lacking"] == []
+    # What the filter had to go by is kept for who plans the next flight.
+    sensed = model_store.load(tmp_path / "out").sensing
+    assert sensed is not None
+    assert sensed.step == pytest.approx(0.02, rel=0.01)
+    assert sensed.shares[3] == 0.0 < sensed.shares[1] < 0.5
+    gust = np.exp(sensed.log_noise.turbulence.gust)
+    assert np.all((gust > 0.3) & (gust < 1.6))  # 0.8 m/s flew, for a minute
+    assert 0.0 < float(sensed.deviation.airspeed_scale) < 0.03

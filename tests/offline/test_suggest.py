@@ -22,6 +22,7 @@ from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.offline.suggestion_target import Question, chosen
 from gcs_sysid.report.suggest import findings
 from tests.dashboard.browser import CHROMIUM, Browser
+from tests.estimate.made_sensing import sensing
 from tests.maneuvers.made_model import aircraft, model
 
 
@@ -154,6 +155,25 @@ def test_two_causes_are_told_apart_by_what_is_planned(tmp_path, monkeypatch) -> 
     assert told["unit"] == "1"
     assert told["sd_after"] < 0.8 * told["sd_before"]
     assert "Separates" in {item.topic for item in findings(document)}
+
+
+def test_a_model_of_the_filter_is_planned_for_by_what_that_hears(tmp_path, monkeypatch) -> None:
+    """The same maneuvers, less sure of what the sensors hide; without it nothing is foretold."""
+    monkeypatch.setattr(suggest, "SPEEDS", (0.45,))
+    monkeypatch.setattr(suggest, "LISTED", 1)
+    of_filter = StoredModel(model(), aircraft(), 0.0, [], inside_filter=True)
+    model_store.save(tmp_path / "old" / "model", of_filter)
+    with pytest.raises(RefusedError, match="a version that did not keep"):
+        run(tmp_path / "old", tmp_path / "out", target="Cn")
+    model_store.save(tmp_path / "new" / "model", replace(of_filter, sensing=sensing()))
+    document = run(tmp_path / "new", tmp_path / "out", target="Cn", minutes=1.0)
+    assert document["sortie"]["steps"]
+    told = document["sortie"]["derivatives"]["Cn"]
+    for key in ("beta", "rhat", "rudder"):
+        assert told[key]["sd_after"] < 0.6 * told[key]["sd_before"], key
+    rougher = run(tmp_path / "new", tmp_path / "out", target="Cn", minutes=1.0, gust=1.0)
+    known = rougher["sortie"]["derivatives"]["Cn"]
+    assert known["beta"]["sd_after"] > 1.2 * told["beta"]["sd_after"]
 
 
 def test_what_the_model_has_no_term_for_needs_its_flights(tmp_path) -> None:
