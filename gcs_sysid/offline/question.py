@@ -231,12 +231,25 @@ class Question:
         )
         return replace(self, subjects=subjects)
 
-    def begun(self, telling: Telling) -> tuple[Question, list[Settled]]:
-        """Flights settled by turns under the simulation's own beliefs, and the question there."""
-        begun = [
-            settled.begin(self.model, one, own, _about(telling, number))
-            for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True))
-        ]
+    def begun(
+        self, telling: Telling, causes: Sequence[Candidate] = ()
+    ) -> tuple[Question, list[Settled]]:
+        """Flights settled by turns under the simulation's own beliefs, and the question there.
+
+        Args:
+            telling: told about every turn.
+            causes: lags that are set free and begun with at the size that is reckoned with.
+
+        Raises:
+            RefusedError: the filter lost the aircraft, or cannot tell it from the air.
+        """
+        begun = []
+        acting = np.array([self.listed.acting.get(name, 0.0) for name in self.listed.names])
+        for number, (one, own) in enumerate(zip(self.subjects, self.before, strict=True)):
+            if causes:
+                one = settled.departed(one, self.listed.in_flight(number, acting))
+                own = with_free(own, self.listed, number, causes)
+            begun.append(settled.begin(self.model, one, own, _about(telling, number)))
         subjects = tuple(
             settled.with_delay(one, self.quantities, done)
             for one, done in zip(self.subjects, begun, strict=True)

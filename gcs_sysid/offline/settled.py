@@ -130,6 +130,12 @@ def with_servos(subject: Subject, found: Quantities) -> Subject:
     return _looked_up(subject, found, subject.late)
 
 
+def departed(subject: Subject, by: Float[np.ndarray, " parameter"]) -> Subject:
+    """The flight with its search begun elsewhere."""
+    values, unravel = ravel_pytree(subject.first.means)
+    return replace(subject, first=subject.first._replace(means=unravel(values + by)))
+
+
 def undelayed(subject: Subject, found: Quantities) -> Subject:
     """The flight with its surfaces looked up where its file has them: a cause delays them."""
     return subject if subject.late == 0.0 else _looked_up(subject, found, 0.0)
