@@ -13,10 +13,10 @@ of derivatives i and j: `causal`'s H = Σ Jᵀ S⁻¹ J by Parseval's theorem. G
 slow and quick motion count unlike, and what is unknown of the flow angles ties coefficients to each
 other: both are in W, and nothing in it is fitted.
 
-Errors of the sensors take part, of which two bend what derivatives seem to be: an airspeed that is
+Errors of the sensors take part, of which some bend what derivatives seem to be: an airspeed that is
 off by a share ε makes all forces and moments seem (1 + 2ε) times as large, those of rates and flow
 angles (1 + ε) times, since these seem so much smaller themselves; surfaces that come late by τ are
-off by τ·dδ/dt.
+off by τ·dδ/dt, and a vane that shows too much by a share ε is off by ε·α.
 """
 
 from __future__ import annotations
@@ -47,9 +47,12 @@ from gcs_sysid.reconstruct.aided_smoother import CHUNK, Chunk
 
 GROUPS = ("airspeed", "velocity", "attitude", "vanes")
 """Rows of the innovation that do not come with every row of the inertial unit."""
-CONSTANT = ("gyro_bias", "accelerometer_bias", "airspeed_scale")
+CONSTANT = ("gyro_bias", "accelerometer_bias", "airspeed_scale", "vane_bias")
 """Errors of the sensors that add to the innovations of level flight."""
-DELAY = "surface_delay"
+ERRORS = (*CONSTANT, "vane_scale", "surface_delay")
+"""All that take part, in this order behind the derivatives."""
+CONSTANTS, AIRSPEED, VANES, VANE_SCALES, DELAY = 9, 6, 7, 9, 11
+"""How many of them are constant, and where some lie."""
 SETTLED = 60.0
 """Of flight after which the filter's gains are looked at [s]: what drifts for longer is not known
 better by then."""
@@ -111,7 +114,7 @@ class Spectrum:
         frequency: from zero to half their rate [Hz].
         density: W a row, channels being coefficients and then the errors that are constant.
         coefficients: of the first channels.
-        precision: of the errors, the constant ones and the surfaces' delay: one over variance.
+        precision: of `ERRORS`, one over variance.
         values: of the derivatives, by coefficient and regressor.
         controls: of the aircraft.
     """
@@ -154,7 +157,7 @@ class Spectrum:
         total = np.zeros((size, self.density.shape[-1]))
         for part, wave in zip(parts, waves, strict=True):
             total[part.unknowns, part.channel] = wave[0].real
-        for number in range(self.precision.size - 1):
+        for number in range(CONSTANTS):
             place = size - self.precision.size + number
             total[place, len(self.coefficients) + number] = count
         still = total @ self.density[0].real @ total.T
@@ -171,8 +174,7 @@ class Spectrum:
 
     def _parts(self, model: AeroModel, flown: Values) -> Iterator[_Part]:
         """What derivatives and errors are a part of, coefficient by coefficient."""
-        first = 0
-        last = sum(len(fit.keys) for fit in model.fits.values()) + self.precision.size - 1
+        first, errors = 0, sum(len(fit.keys) for fit in model.fits.values())
         rates = {name: flown[f"{name}_rate"] for name in self.controls}
 
         def later(by: float) -> Values:
@@ -195,13 +197,19 @@ class Spectrum:
             columns = basis.columns(fit.keys, model.controls, flown)
             yield _Part(
                 self.coefficients.index(name),
-                np.append(numbers, [last - 1, last]),
+                np.append(numbers, [errors + AIRSPEED, errors + DELAY]),
                 np.column_stack([columns, grown[0] - grown, late]),
+            )
+        for number, angle in enumerate(("alpha", "beta")):
+            yield _Part(
+                len(self.coefficients) + VANES + number,
+                np.array([errors + VANE_SCALES + number]),
+                flown[angle][:, None],
             )
 
 
 class _Part(NamedTuple):
-    """What some unknowns are a part of in one coefficient, along a flight."""
+    """What some unknowns are a part of in one channel, along a flight."""
 
     channel: int
     unknowns: Int[np.ndarray, " part"]
@@ -258,7 +266,7 @@ def spectrum(
         np.exp(2j * np.pi * frequency * sensed.step),
         rows=round(SETTLED / sensed.step),
     )
-    known = [np.ravel(getattr(sensed.deviation, name)) for name in (*CONSTANT, DELAY)]
+    known = [np.ravel(getattr(sensed.deviation, name)) for name in ERRORS]
     return Spectrum(
         step=sensed.step,
         frequency=frequency,

@@ -3,7 +3,9 @@
 A fit's uncertainty has parts with laws of their own (see `estimate.equation_error`, and
 `estimate.inside_filter`):
 
-- noise of the measurement: (N⁻¹ + XᵀX/v)⁻¹ once rows X are added, v their variance;
+- noise of the measurement: (N⁻¹ + I)⁻¹ once information I is added: of a fit of the filter's what
+  that would hear (`estimate.innovation_spectrum`), of one by least squares XᵀX/v of rows X, v their
+  variance;
 - errors of the regressors, which gusts make: they pull a term by e/(1 − e) of its value, e being
   the errors' share of what was seen of it. More of the same changes nothing; larger motion makes
   the share smaller, so that it falls with the noise variance and grows with the number of rows;

@@ -13,7 +13,7 @@ from scipy import linalg
 
 from gcs_sysid.aircraft import Value
 from gcs_sysid.errors import UsageError
-from gcs_sysid.estimate import basis
+from gcs_sysid.estimate import basis, innovation_spectrum
 from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import file_sigmas, suspects
@@ -382,14 +382,15 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
 def white(at: Condition, variance: float) -> Spectrum:
     """A filter to which rows of every coefficient count alike, whatever their frequency."""
     names = tuple(model().fits)
-    density = np.zeros((2, len(names) + 1, len(names) + 1), dtype=complex)
+    channels = len(names) + innovation_spectrum.CONSTANTS
+    density = np.zeros((2, channels, channels), dtype=complex)
     density[:, : len(names), : len(names)] = np.eye(len(names)) / variance
     values = {
         name: {key: item.value for key, item in one.terms.items()}
         for name, one in at.aircraft.aerodynamics.items()
     }
     edges = np.array([0.0, 0.5 / STEP])
-    precision = np.array([1e12, 1e12])
+    precision = np.full(12, 1e12)
     return Spectrum(STEP, edges, density, names, precision, values, at.aircraft.control_names)
 
 
