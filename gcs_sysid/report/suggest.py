@@ -182,7 +182,12 @@ def _teaches(item: Mapping, summary: Mapping) -> str:
     parts = []
     for name in item["target"]["coefficients"]:
         terms = item["expected"].get(name, {"derivatives": {}})["derivatives"]
-        told = {key: one for key, one in terms.items() if key != "1" and one["sd_before"] > 0.0}
+        # What is asked about beside the model's own terms is 0 as far as anybody knows.
+        told = {
+            key: one
+            for key, one in terms.items()
+            if key != "1" and one["sd_before"] > 0.0 and values[name][key]["value"] != 0.0
+        }
         if not told:
             continue
         key, one = min(told.items(), key=lambda pair: pair[1]["sd_after"] / pair[1]["sd_before"])

@@ -1,6 +1,6 @@
 """Hard pairs of causes: one is hidden, and what `suggest --separate` plans is flown beside it.
 
-    python -m tests.blind.pairs [--only cg_shift] [--seed 0] [--again] [--save]
+    python -m tests.blind.pairs [--only cg_shift] [--file exact] [--seed 0] [--again] [--save]
 
 A flight with one of two causes is diagnosed. Where the answer is a group, `suggest --separate` is
 asked about the first two of that group, in the diagnosis's own words; where it is wrong, or nothing
@@ -25,10 +25,12 @@ from gcs_sysid.sitl import record
 from gcs_sysid.sitl import scenario as scenarios
 from tests.benchmarks import suggested, table
 from tests.blind import campaign, fly, score
-from tests.blind.draw import Draw, Fixed, draw, load
+from tests.blind.draw import FILES, Draw, Fixed, draw, load
 from tests.blind.fly import Recorded
 from tests.blind.score import Score
 
+USUAL = "five_percent"
+"""How wrong the aircraft file is that the flights are diagnosed with."""
 LATER = 3600
 """How long after the first flight the second begins [s]."""
 MINUTES = 4.0
@@ -134,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     pairs = [one for one in PAIRS if asked.only in (None, one.cause)]
     rows = [_row(*_finished(one, asked)) for one in pairs]
     table.show(
-        "blind_pairs",
+        "blind_pairs" if asked.file == USUAL else f"blind_pairs_{asked.file}",
         "Hard pairs of causes: what was said of a short flight, and, where that was not the one "
         "hidden and nothing else, with the sortie that `suggest --separate` planned",
         (
@@ -150,10 +152,11 @@ def _finished(pair: Pair, asked: argparse.Namespace) -> tuple[Pair, Draw, dict[s
     """A pair's document; one that is kept is taken as it is, unless asked for again."""
     index = PAIRS.index(pair)
     fixed = Fixed(
-        pair.cause, pair.aircraft, "five_percent", "larger", short=True, effects=(pair.hidden,)
+        pair.cause, pair.aircraft, asked.file, "larger", short=True, effects=(pair.hidden,)
     )
     one = replace(draw(index, seed=asked.seed, fixed=fixed), plan="usual")
-    kept = asked.out / f"{index:02d}-{pair.cause}-{pair.aircraft}-{asked.seed}.json"
+    of_file = "" if asked.file == USUAL else f"-{asked.file}"
+    kept = asked.out / f"{index:02d}-{pair.cause}-{pair.aircraft}-{asked.seed}{of_file}.json"
     held = None if asked.again else campaign.read(kept, one)
     if held is None:
         cores = len(os.sched_getaffinity(0))
@@ -233,6 +236,7 @@ def _row(pair: Pair, one: Draw, held: Mapping[str, Any]) -> tuple[object, ...]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.blind.pairs")
     parser.add_argument("--only", choices=sorted({one.cause for one in PAIRS}))
+    parser.add_argument("--file", choices=FILES, default=USUAL)
     parser.add_argument("--seed", type=int, default=0, help="of all flights")
     parser.add_argument("--again", action="store_true", help="repeat what is finished")
     parser.add_argument("--save", action="store_true", help="keep the table for the README")

@@ -123,6 +123,10 @@ def test_what_is_told_first_to_fly_is_what_the_sortie_flies(planned) -> None:
             sd = item["expected"]["Cm"]["derivatives"][name][when]
             value = abs(document["sortie"]["derivatives"]["Cm"][name]["value"])
             assert float(said) == pytest.approx(100.0 * sd / value, rel=0.06)
+    unknown = json.loads(json.dumps(document))
+    unknown["sortie"]["derivatives"]["Cm"][name]["value"] = 0.0
+    last = [item.text for item in findings(unknown) if item.topic == "Fly"][-1]
+    assert f"Cm_{name} " not in last
     none = {**document, "maneuvers": [{**one, "times_in_sortie": 0} for one in taken]}
     assert len([item for item in findings(none) if item.topic == "Fly"]) == min(len(taken), 4)
 
