@@ -138,11 +138,12 @@ def planned(
     known, steps, used = start, [], 0.0
     careful = CAREFUL if poor(model) else ()
     while maneuvers:
+        stated = target.stated(model, known)
         left = [
             item
             for item in maneuvers
             if used + _cost(item, steps, careful) <= budget
-            and target.stated_worth(model, known, item.taught) >= LEAST_WORTH
+            and target.stated_worth(model, known, item.taught, before=stated) >= LEAST_WORTH
         ]
         if not left:
             break

@@ -66,10 +66,11 @@ class Target:
             before = self.variances(model, known)
         return _shrunk(before, self.variances(model, known.with_more(more)))
 
-    def stated_worth(self, model: AeroModel, known: Knowledge, more: Added) -> float:
-        """The same of what will be stated: near nothing where no flight changes what is left."""
-        later = known.with_more(more)
-        return _shrunk(self.stated(model, known), self.stated(model, later))
+    def stated_worth(
+        self, model: AeroModel, known: Knowledge, more: Added, *, before: Sequence[float]
+    ) -> float:
+        """The same of what will be `stated`: near nothing where no flight changes what is left."""
+        return _shrunk(before, self.stated(model, known.with_more(more)))
 
     def variances(self, model: AeroModel, known: Knowledge) -> tuple[float, ...]:
         """What flying can change of what is asked about, once so much was added to the fits."""

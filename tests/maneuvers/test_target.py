@@ -52,7 +52,9 @@ def test_what_no_flight_changes_makes_a_maneuver_worth_no_less() -> None:
     added = more(np.diag(3.0 / np.diagonal(fit.covariance)))
     assert known.worth(unsure, NOTHING, added) == pytest.approx(np.log(2.0), rel=0.05)
     stated = 0.5 * np.log((0.3**2 + 0.05**2) / (0.3**2 + 0.05**2 / 4.0))
-    assert known.stated_worth(unsure, NOTHING, added) == pytest.approx(stated, rel=0.05)
+    before = known.stated(unsure, NOTHING)
+    found = known.stated_worth(unsure, NOTHING, added, before=before)
+    assert found == pytest.approx(stated, rel=0.05)
 
 
 def test_a_region_asks_where_it_is() -> None:
