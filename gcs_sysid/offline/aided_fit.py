@@ -3,7 +3,9 @@
 Flights follow each other: each is fitted where those before it have led, while sensors and gusts
 are each flight's own, and what all of them say is added to what was believed. The model that is
 scored is found first, and learns nothing from held-out maneuvers; the model that is kept starts
-from it and takes in all.
+from it and takes in all, each flight with what the others have said (the cavity of expectation
+propagation; Minka, *UAI* 2001). By itself a weak flight would have to find its way from there to
+where the file alone would have it: its search stood still 13 deviations away, for 13 steps.
 """
 
 from __future__ import annotations
@@ -150,7 +152,7 @@ def identify(
     def told(number: int) -> Callable[[str], None]:
         return lambda text: progress(f"fitting the model: {text}", number / steps)
 
-    scored_fits, final_fits = [], []
+    scored_fits = []
     before = _believed(mean, sigma, aircraft, body=body)
     found = before
     for number, item in enumerate(prepared):
@@ -160,14 +162,9 @@ def identify(
         found = _after(found, fit)
     scored = found
     if any(item.held.any() for item in prepared):
-        found = before
-        for number, item in enumerate(prepared):
-            first = _with(scored_fits[number].unknowns, scored)
-            every = np.ones_like(item.held)
-            tell = told(len(prepared) + number)
-            fit = _fit(model, item, first, found, every, scored_fits[number], tell)
-            final_fits.append(fit)
-            found = _after(found, fit)
+        tell = [told(len(prepared) + number) for number in range(len(prepared))]
+        final_fits = _of_all(model, prepared, scored_fits, before, tell)
+        found = reduce(_after, final_fits, before)
     else:
         # Nothing was held out: both models are one.
         final_fits = scored_fits
@@ -358,6 +355,31 @@ def _after(before: Derivatives, fit: Fit) -> Derivatives:
         both = 1.0 / np.hypot(1.0 / before.bound, 1.0 / least)
     first = not before.said.information.any()
     return before._replace(said=before.said.plus(fit.said), bound=least if first else both)
+
+
+def _of_all(
+    model: FlightModel,
+    prepared: Sequence[_Prepared],
+    scored: Sequence[Fit],
+    before: Derivatives,
+    told: Sequence[Callable[[str], None]],
+) -> list[Fit]:
+    """Fits of all maneuvers, each flight beside what the others have said without those held out.
+
+    Args:
+        model: the aircraft.
+        prepared: the flights.
+        scored: their fits without what is held out.
+        before: what was believed before any flight.
+        told: told of each flight's steps.
+    """
+    together, fits = reduce(_after, scored, before), []
+    for number, item in enumerate(prepared):
+        others = reduce(_after, [*scored[:number], *scored[number + 1 :]], before)
+        first = _with(scored[number].unknowns, together)
+        every = np.ones_like(item.held)
+        fits.append(_fit(model, item, first, others, every, scored[number], told[number]))
+    return fits
 
 
 def _with(unknowns: Unknowns, found: Derivatives) -> Unknowns:

@@ -14,6 +14,7 @@ from gcs_sysid.estimate import in_common, inside_filter
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.in_common import Said
 from gcs_sysid.estimate.inside_filter import Derivatives
+from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline import aided_fit
 from gcs_sysid.offline.flight import Flight
 from tests.offline.conftest import ROOT
@@ -92,6 +93,37 @@ def flights(*names: str) -> list[aided_fit._Prepared]:
         )
         for name in names
     ]
+
+
+def test_each_flight_is_fitted_beside_what_the_others_have_said(monkeypatch) -> None:
+    """Alone, a weak one has to find its way to where the file would have it."""
+    file = aircraft_file.load(BRUMBY)
+    before = aided_fit._believed(TERMS, {"Cm": {"elevator": 1.0}}, file, body=False)
+    sure = [100.0, 30.0, 1.0]
+    scored = [
+        Mock(
+            spec=Fit,
+            keys=before.keys,
+            unknowns=None,
+            bound=np.array([[1.0 / one]]),
+            said=Said(np.array([[one]]), np.array([-0.5 * one]), np.zeros(1)),
+        )
+        for one in sure
+    ]
+    known: list[Derivatives] = []
+    begun: list[Derivatives] = []
+
+    def fit(_model: object, _item: object, _first: object, others: Derivatives, *_: object) -> Fit:
+        known.append(others)
+        return Mock(spec=Fit)
+
+    monkeypatch.setattr(aided_fit, "_fit", fit)
+    monkeypatch.setattr(aided_fit, "_with", lambda _unknowns, found: begun.append(found))
+    model, told = Mock(spec=FlightModel), [lambda _: None] * 3
+    aided_fit._of_all(model, flights("a", "b", "c"), scored, before, told)
+    assert [float(one.said.information[0, 0]) for one in known] == [31.0, 101.0, 130.0]
+    assert {float(one.said.information[0, 0]) for one in begun} == {131.0}
+    assert all(one.precision == before.precision for one in known)
 
 
 def test_a_search_that_did_not_end_is_named_with_what_was_missing_and_what_to_do() -> None:
