@@ -315,18 +315,21 @@ def _chosen(
         plan = sortie.planned(target, model, known, pool, budget=budget)
         best = sorted(pool, key=lambda item: -rates[item.name])[:LISTED]
         wanted = [step.maneuver for step in plan.steps] + best
-        open_ones = [item for item in wanted if item.name not in proved]
+        open_ones = {item.name: item for item in wanted if item.name not in proved}
         if not open_ones:
             break
-        item = open_ones[0]
-        one = design.proved(places[item.name], item, generator)
-        if isinstance(one, Refusal):
-            refused.append(one)
-            pool = [other for other in pool if other is not item]
-        else:
-            proved[item.name] = one
-            ((rates[item.name], _),) = sortie.ranked(target, model, known, [one])
+        for name, item in open_ones.items():
+            one = design.proved(places[name], item, generator)
+            if isinstance(one, Refusal):
+                refused.append(one)
+                pool = [other for other in pool if other is not item]
+                break
+            proved[name] = one
             pool = [one if other is item else other for other in pool]
+            if one.share < item.share:
+                # Another may be worth more now.
+                ((rates[name], _),) = sortie.ranked(target, model, known, [one])
+                break
     kept = {item.name for item in wanted}
     ranked = [(rates[item.name], item) for item in pool if item.name in kept]
     return sorted(ranked, key=lambda pair: -pair[0]), plan, refused
