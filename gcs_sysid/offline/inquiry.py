@@ -249,7 +249,9 @@ class Inquiry:
     def _begun_anew(
         self, asking: Question, trial: Answer, telling: Telling, accuracy: float, sets: int
     ) -> tuple[Question, Answer]:
-        """Lags whose search stands still, begun where the file has all else; what is likelier.
+        """Lags and delays whose search stands still, begun where the file has all else.
+
+        What is likelier stands.
 
         A servo that lags by as long as what it controls takes to answer is made up for by inertia
         and derivatives where flights are settled without it. Steps from there, as many as 2 700
@@ -260,6 +262,7 @@ class Inquiry:
             there, begun = asking.begun(telling, trial.causes)
         except RefusedError:
             return asking, trial
+        there = there.at_delays_of(trial.causes)
         going_on = [Trial(trial.causes, begun, None, None)]
         by = there.relations(begun)
         (anew,) = there.tried(telling, going_on, by, self.every, accuracy, sets)

@@ -29,6 +29,7 @@ def test_the_likelier_of_where_it_stood_and_where_it_ends_is_taken(
 ) -> None:
     stood, asking, there = answer(0.0), Mock(spec=Question), Mock(spec=Question)
     begun = [Mock(spec=Settled)]
+    there.at_delays_of.return_value = there
     asking.begun.side_effect = LOST if ends is None else [(there, begun)]
     there.tried.return_value = [answer(ends or 0.0)]
     inquiry = Mock(spec=Inquiry, every=(LAG,))
