@@ -19,7 +19,7 @@ from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Drawn, Fleet, Flown, Si
 from gcs_sysid.maneuvers.holding import Linear
 from gcs_sysid.maneuvers.information import Gain, Reach
 from gcs_sysid.maneuvers.knowledge import Added, Knowledge
-from gcs_sysid.maneuvers.recipes import Place, Recipe
+from gcs_sysid.maneuvers.recipes import TURNS, Place, Recipe
 from gcs_sysid.model.trim import Trim
 
 AFTER = 3.0
@@ -87,9 +87,12 @@ class Condition:
             self.linear.frequencies(),
         )
 
-    def fly(self, fleet: Fleet, added: Float[np.ndarray, "sample input"], air: np.ndarray) -> Flown:
-        """Motions under an input."""
-        return self.simulator.fly(fleet, self.linear, self.trim.density, added, air)
+    def fly(self, fleet: Fleet, recipe: Recipe, share: float, air: np.ndarray) -> Flown:
+        """Motions under a share of a recipe, and of what answers it."""
+        added = np.zeros((_rows(recipe), recipe.added.shape[1]))
+        added[: recipe.added.shape[0]] = share * recipe.added
+        linear = self.linear.turning() if recipe.kind in TURNS else self.linear
+        return self.simulator.fly(fleet, linear, self.trim.density, added, air)
 
 
 @dataclass(frozen=True)
@@ -209,17 +212,14 @@ def unsafe_level_flight(at: Condition) -> str | None:
 
 def sized(at: Condition, recipe: Recipe) -> Maneuver | Refusal:
     """The largest share of a recipe that keeps every aircraft of the first trial inside."""
-    rows = round((recipe.duration + AFTER) / STEP) + 1
-    full = np.zeros((rows, recipe.added.shape[1]))
-    full[: recipe.added.shape[0]] = recipe.added
-    still = Flown(*(values[:, :rows] for values in at.still))
-    moved = at.fly(at.fleet, full, at.air)
+    still = Flown(*(values[:, : _rows(recipe)] for values in at.still))
+    moved = at.fly(at.fleet, recipe, 1.0, at.air)
     share = envelope.largest_inside(still, moved, at.allowed, at.aircraft, SHARES)
     path = moved
     for _ in range(TRIES):
         if share < LEAST:
             return Refusal(recipe.name, _why(moved, at, recipe))
-        path = moved if share == 1.0 else at.fly(at.fleet, share * full, at.air)
+        path = moved if share == 1.0 else at.fly(at.fleet, recipe, share, at.air)
         if not _lost(path, at).any():
             return _maneuver(at, recipe, share, path)
         share *= SMALLER
@@ -248,17 +248,15 @@ def proved(at: Condition, maneuver: Maneuver, generator: np.random.Generator) ->
 
 
 def _proof(at: Condition, maneuver: Maneuver, generator: np.random.Generator) -> Excursion:
-    rows = maneuver.flown.alpha.shape[1]
-    full = np.zeros((rows, maneuver.added.shape[1]))
-    full[: maneuver.added.shape[0]] = maneuver.added
     most = envelope.allowed_to_leave(LANES * TRIALS)
     counts: dict[str, int] = {}
     left = flights = 0
 
     def tried(trial: int, own: np.random.Generator) -> dict[str, Bool[np.ndarray, " draw"]]:
         fleet = at.simulator.settle(flown.lanes(at.drawn, trial * LANES), at.trim)
-        air = _air(at.aircraft, at.trim, at.gust, own, samples=LEAD + rows)
-        return envelope.broken(at.fly(fleet, full, air), at.allowed, at.aircraft)
+        air = _air(at.aircraft, at.trim, at.gust, own, samples=LEAD + _rows(maneuver.recipe))
+        path = at.fly(fleet, maneuver.recipe, maneuver.share, air)
+        return envelope.broken(path, at.allowed, at.aircraft)
 
     for found in parallel.ahead(tried, range(TRIALS), generator.spawn(TRIALS)):
         for name, which in found.items():
@@ -272,10 +270,13 @@ def _proof(at: Condition, maneuver: Maneuver, generator: np.random.Generator) ->
 
 
 def _rescaled(at: Condition, maneuver: Maneuver, share: float) -> Maneuver:
-    rows = maneuver.flown.alpha.shape[1]
-    full = np.zeros((rows, maneuver.recipe.added.shape[1]))
-    full[: maneuver.recipe.added.shape[0]] = share * maneuver.recipe.added
-    return _maneuver(at, maneuver.recipe, share, at.fly(at.fleet, full, at.air))
+    path = at.fly(at.fleet, maneuver.recipe, share, at.air)
+    return _maneuver(at, maneuver.recipe, share, path)
+
+
+def _rows(recipe: Recipe) -> int:
+    """Samples of a maneuver with its answer."""
+    return round((recipe.duration + AFTER) / STEP) + 1
 
 
 def _lost(path: Flown, at: Condition) -> np.ndarray:

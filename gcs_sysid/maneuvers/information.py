@@ -197,6 +197,12 @@ def changeable(fit: CoefficientFit, added: Added) -> Float[np.ndarray, "term ter
     return updated(noise, added.information)
 
 
+def unchangeable(fit: CoefficientFit, added: Added) -> Float[np.ndarray, " term"]:
+    """Standard deviation of each term that no flight takes away: by mass, inertia, thrust, lag."""
+    left = np.diagonal(covariance(fit, added)) - np.diagonal(changeable(fit, added))
+    return np.sqrt(np.maximum(left, 0.0))
+
+
 def _regressor(fit: CoefficientFit) -> Float[np.ndarray, " term"]:
     return np.asarray(fit.deviations.get("regressor", np.zeros(len(fit.keys))))
 

@@ -15,7 +15,7 @@ from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.maneuvers import axes, sizes
 from gcs_sysid.maneuvers.axes import THROTTLE, Axes
 from gcs_sysid.maneuvers.flown import STEP
-from gcs_sysid.maneuvers.holding import Frequencies, Linear
+from gcs_sysid.maneuvers.holding import SIZE, Frequencies, Linear
 from gcs_sysid.maneuvers.signals import multisine, smooth, steps, sweep
 from gcs_sysid.model.trim import Trim
 
@@ -35,6 +35,8 @@ Kind = Literal[
     "coupled rolls",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+TURNS: tuple[Kind, ...] = ("wind-up turn", "coupled rolls")
+"""Flown with the attitude held and no heading."""
 
 PERIOD = 15.0
 """Length of a multisine [s]."""
@@ -305,7 +307,7 @@ def _sideslip(at: Place, roll: str, yaw: str) -> Recipe:
     rows = [1, 3, 5]
     unknown = np.column_stack([dynamics[rows, 6], effect[np.ix_(rows, places)]])
     bank, *moved = np.linalg.lstsq(unknown, -dynamics[rows, 1] * speed * beta, rcond=None)[0]
-    target = np.zeros(8)
+    target = np.zeros(SIZE)
     target[1], target[6] = speed * beta, bank
     steady = at.linear.gain @ target
     steady[places] += moved
@@ -327,7 +329,7 @@ def _sideslip(at: Place, roll: str, yaw: str) -> Recipe:
 
 def _turns(at: Place, pitch: str, roll: str) -> Iterator[Recipe]:
     bank = BANK * at.allowed.bank
-    target = np.zeros(8)
+    target = np.zeros(SIZE)
     target[6] = bank
     hold = at.linear.gain @ target
     index = at.names.index(pitch)
@@ -399,7 +401,7 @@ def _powers(at: Place) -> Iterator[Recipe]:
 def _glide(at: Place, pitch: str, shut: Float[np.ndarray, " sample"], duration: float) -> Recipe:
     """Throttle closed, and the nose down by the angle at which drag is carried by weight."""
     lost = float(at.linear.inputs[0, -1] * np.abs(shut).max())
-    target = np.zeros(8)
+    target = np.zeros(SIZE)
     target[7] = -lost / GRAVITY
     steady = at.linear.gain @ target
     added = at.columns(duration, {THROTTLE: shut})

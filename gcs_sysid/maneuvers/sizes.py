@@ -13,7 +13,7 @@ from gcs_sysid.aircraft import Aircraft, Envelope
 from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.maneuvers.axes import THROTTLE, travel
 from gcs_sysid.maneuvers.flown import STEP
-from gcs_sysid.maneuvers.holding import Linear
+from gcs_sysid.maneuvers.holding import SIZE, Linear
 from gcs_sysid.model.trim import Trim
 
 TRAVEL = 0.5
@@ -53,14 +53,14 @@ def limiting(
 
 def motion(
     linear: Linear, added: Float[np.ndarray, "sample input"]
-) -> Float[np.ndarray, "sample eight"]:
-    """Small motion under inputs added to what the attitude hold commands."""
+) -> Float[np.ndarray, "sample nine"]:
+    """Small motion under inputs added to what the hold commands."""
     count = added.shape[1]
-    block = np.zeros((8 + count, 8 + count))
-    block[:8, :8], block[:8, 8:] = linear.held, linear.inputs
+    block = np.zeros((SIZE + count, SIZE + count))
+    block[:SIZE, :SIZE], block[:SIZE, SIZE:] = linear.held, linear.inputs
     whole = linalg.expm(STEP * block)
-    keep, push = whole[:8, :8], whole[:8, 8:]
-    state, rows = np.zeros(8), np.zeros((added.shape[0], 8))
+    keep, push = whole[:SIZE, :SIZE], whole[:SIZE, SIZE:]
+    state, rows = np.zeros(SIZE), np.zeros((added.shape[0], SIZE))
     for index, row in enumerate(added):
         rows[index] = state
         state = keep @ state + push @ row

@@ -154,7 +154,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
             _level(conditions[0]),
             {name: item["spread"] for name, item in unsure.items()},
         ),
-        "sortie": suggestion_entries.sortie(plan, model, target, gust),
+        "sortie": suggestion_entries.sortie(plan, model, known, target, gust),
         "poor_model": sortie.poor(stored.model),
         "refused": [{"name": item.name, "reason": item.reason} for item in refused],
         "fly": None,

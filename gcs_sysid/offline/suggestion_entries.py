@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_sysid.aircraft import Envelope
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design
+from gcs_sysid.maneuvers import design, information
 from gcs_sysid.maneuvers.design import Maneuver
 from gcs_sysid.maneuvers.information import Gain
 from gcs_sysid.maneuvers.knowledge import Knowledge
@@ -118,9 +118,12 @@ def abort(item: Maneuver, allowed: Envelope) -> dict[str, list[float]]:
 
 
 def sortie(
-    plan: Sortie, model: AeroModel, target: Target, gust: Mapping[str, Any]
+    plan: Sortie, model: AeroModel, known: Knowledge, target: Target, gust: Mapping[str, Any]
 ) -> dict[str, Any]:
     """A whole flight in order, and what is known before and after it."""
+    stays = {
+        name: information.unchangeable(fit, known.of(name)) for name, fit in model.fits.items()
+    }
     return {
         "minutes": plan.duration / 60.0,
         "gust": dict(gust),
@@ -144,6 +147,7 @@ def sortie(
                     "value": float(model.fits[name].value[index]),
                     "sd_before": float(np.sqrt(plan.before[name][index, index])),
                     "sd_after": float(np.sqrt(plan.after[name][index, index])),
+                    "sd_stays": float(stays[name][index]),
                 }
                 for index, key in enumerate(model.fits[name].keys)
             }

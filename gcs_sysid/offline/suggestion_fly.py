@@ -26,7 +26,7 @@ from gcs_sysid.maneuvers import axes
 from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.design import AFTER
 from gcs_sysid.maneuvers.flown import STEP
-from gcs_sysid.maneuvers.holding import Linear
+from gcs_sysid.maneuvers.holding import SIZE, Linear
 from gcs_sysid.model.trim import Trim
 from gcs_sysid.sources.cockpit import Cockpit
 
@@ -268,9 +268,9 @@ def _pulses(
 ) -> dict[int, int]:
     """Stick pulses [µs] for the attitude hold's command and the input."""
     euler = np.asarray(frames.euler_from_quaternion(flight.trim.state.attitude))
-    change = np.zeros(8)
+    change = np.zeros(SIZE)
     change[3:6] = sensed.rate
-    change[6:] = sensed.bank - euler[0], sensed.pitch - euler[1]
+    change[6:8] = sensed.bank - euler[0], sensed.pitch - euler[1]
     whole = np.zeros(len(flight.aircraft.controls) + 1) + added
     controls = whole[:-1] - flight.linear.gain @ change
     names = flight.aircraft.control_names

@@ -132,6 +132,13 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
                 "what the file may have wrong within its sigmas).",
             )
         )
+    if stays := _stays(summary["sortie"]):
+        text = (
+            f"{stays}, whatever is flown: mass, inertia, thrust and the moments' lag are known no "
+            "better, and scale all derivatives. Weigh the aircraft and swing it; what runs tell "
+            "is listed beside that."
+        )
+        found.append(Finding("Stays", text))
     taken = [item for item in listed if item["times_in_sortie"]] or listed
     for item in taken[:FINDINGS]:
         found.append(Finding("Fly", f"{_described(item)}: {_teaches(item, summary)}."))
@@ -176,7 +183,7 @@ def _amplitude(name: str, value: float) -> str:
 def _teaches(item: Mapping, summary: Mapping) -> str:
     """The derivatives that one run tells most of, one for each coefficient that it is for.
 
-    Not the coefficients: what mass and inertia leave unknown of them no run takes away.
+    Not the coefficients, and beside what mass and inertia leave unknown: no run takes that away.
     """
     values = summary["sortie"]["derivatives"]
     parts = []
@@ -184,17 +191,37 @@ def _teaches(item: Mapping, summary: Mapping) -> str:
         terms = item["expected"].get(name, {"derivatives": {}})["derivatives"]
         # What is asked about beside the model's own terms is 0 as far as anybody knows.
         told = {
-            key: one
+            key: tuple(
+                math.sqrt(max(one[when] ** 2 - values[name][key]["sd_stays"] ** 2, 0.0))
+                for when in ("sd_before", "sd_after")
+            )
             for key, one in terms.items()
-            if key != "1" and one["sd_before"] > 0.0 and values[name][key]["value"] != 0.0
+            if key != "1" and values[name][key]["value"] != 0.0
         }
+        told = {key: pair for key, pair in told.items() if pair[0] > 0.0}
         if not told:
             continue
-        key, one = min(told.items(), key=lambda pair: pair[1]["sd_after"] / pair[1]["sd_before"])
+        key, pair = min(told.items(), key=lambda item: item[1][1] / item[1][0])
         size = abs(values[name][key]["value"]) / 100.0
-        before, after = (number(one[f"sd_{when}"] / size, 2) for when in ("before", "after"))
+        before, after = (number(one / size, 2) for one in pair)
         parts.append(f"{labels.derivative(name, key)} from {before} to {after} %")
     return ", ".join(parts) + " (sd)"
+
+
+def _stays(sortie: Mapping) -> str:
+    """Coefficients of whose deviation most is left by what no flight tells; often none."""
+    parts = []
+    for name in sortie["asked"]:
+        terms = [
+            one
+            for key, one in sortie["derivatives"][name].items()
+            if key != "1" and one["value"] != 0.0
+        ]
+        most = [one for one in terms if one["sd_stays"] ** 2 > 0.5 * one["sd_before"] ** 2]
+        if 2 * len(most) > len(terms):
+            share = np.median([one["sd_stays"] / abs(one["value"]) for one in most])
+            parts.append(f"{number(100.0 * share, 2)} % of {name}")
+    return ", ".join(parts)
 
 
 def _words(name: str) -> str:
@@ -228,13 +255,14 @@ def _maneuvers(summary: Mapping) -> Table:
 
 def _derivatives(name: str, terms: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(
-        (f"{name}", "value", "sd now", "sd after the sortie"),
+        (f"{name}", "value", "sd now", "sd after the sortie", "of it, whatever is flown"),
         tuple(
             (
                 labels.derivative(name, key),
                 number(one["value"], 3),
                 number(one["sd_before"], 2),
                 number(one["sd_after"], 2),
+                number(one["sd_stays"], 2),
             )
             for key, one in terms.items()
         ),

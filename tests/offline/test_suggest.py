@@ -131,6 +131,27 @@ def test_what_is_told_first_to_fly_is_what_the_sortie_flies(planned) -> None:
     assert len([item for item in findings(none) if item.topic == "Fly"]) == min(len(taken), 4)
 
 
+def test_what_no_flight_takes_away_is_said_once_and_runs_are_told_beside_it(planned) -> None:
+    """An inertia that is known to 30 %: every derivative of Cm stays unsure by that."""
+    document, _ = planned
+    assert "Stays" not in {item.topic for item in findings(document)}
+    hidden = json.loads(json.dumps(document))
+    terms = hidden["sortie"]["derivatives"]["Cm"]
+    taken = [item for item in hidden["maneuvers"] if item["times_in_sortie"]]
+    for key, one in terms.items():
+        one["sd_stays"] = 0.3 * abs(one["value"])
+        for told in (one, *(item["expected"]["Cm"]["derivatives"][key] for item in taken)):
+            for when in ("sd_before", "sd_after"):
+                told[when] = float(np.hypot(told[when], one["sd_stays"]))
+    found = findings(hidden)
+    (text,) = [item.text for item in found if item.topic == "Stays"]
+    assert text.startswith("30 % of Cm, whatever is flown")
+    told, before = (
+        [item.text for item in of if item.topic == "Fly"] for of in (found, findings(document))
+    )
+    assert told == before
+
+
 def test_the_map_marks_what_is_aimed_at_without_a_region_too(planned) -> None:
     """As far as the sortie's own maneuvers for Cm go in angle of attack."""
     document, _ = planned
