@@ -78,24 +78,27 @@ def _optimised(
     starts = [-np.pi * np.arange(count) ** 2 / count]
     starts += list(generator.uniform(-np.pi, np.pi, (STARTS, count)))
     angle = 2.0 * np.pi * harmonic[:, None] * grid
+    # sin(a + φ) = cos φ sin a + sin φ cos a: products with what stays, a twentieth of the sines.
+    across, along = np.sin(angle), np.cos(angle)
 
     def size(phases: np.ndarray, norm: int) -> tuple[float, np.ndarray]:
-        turned = angle + phases[:, None]
-        shape = np.sin(turned).sum(axis=0)
+        cosine, sine = np.cos(phases), np.sin(phases)
+        shape = cosine @ across + sine @ along
         peak = np.abs(shape).max()
         powers = np.abs(shape / peak) ** (norm - 1)
         mean = np.mean(powers * np.abs(shape / peak))
         # The norm itself, not its power: of the order of the peak whatever the exponent.
         value = peak * mean ** (1.0 / norm)
         slope = mean ** (1.0 / norm - 1.0) * powers * np.sign(shape)
-        return float(value), np.mean(slope * np.cos(turned), axis=1)
+        turned = cosine * (along @ slope) - sine * (across @ slope)
+        return float(value), turned / grid.size
 
     best, lowest = starts[0], np.inf
     for start in starts:
         phases = start
         for norm in NORMS:
             phases = optimize.minimize(size, phases, (norm,), jac=True, method="L-BFGS-B").x
-        peak = float(np.abs(np.sin(angle + phases[:, None]).sum(axis=0)).max())
+        peak = float(np.abs(_sum(harmonic, phases, grid)).max())
         if peak < lowest:
             best, lowest = phases, peak
         if lowest <= ENOUGH * np.sqrt(count):
