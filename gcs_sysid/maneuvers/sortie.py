@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gcs_sysid import regressors
+from gcs_sysid.aircraft import MOMENTS
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.design import AFTER, AROUND, ON_A_LEG, Maneuver
@@ -19,7 +20,8 @@ from gcs_sysid.maneuvers.target import Target
 CAREFUL = (0.25, 0.5)
 """Shares of the amplitude at which a maneuver is tried first where the model is poor."""
 POOR = 0.15
-"""A model is poor where a derivative that matters is known worse than to this part of itself."""
+"""A model is poor where a derivative that matters is known worse than to this part of itself, what
+mass and inertia leave unsure apart: how an aircraft answers is known whatever they are."""
 LEAST_WORTH = 0.01
 """A maneuver is left out that would make no stated deviation smaller by this part, and a sortie
 ends where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
@@ -72,13 +74,15 @@ def cost(maneuver: Maneuver) -> float:
 
 def poor(model: AeroModel) -> bool:
     """Whether the first steps must be careful ones."""
-    return any(
-        fit.deviation[index] > POOR * abs(fit.value[index])
-        for name, fit in model.fits.items()
-        if name in ("Cl", "Cm", "Cn")
-        for index, key in enumerate(fit.keys)
-        if key != regressors.CONSTANT and fit.excitation[index] > MATTERS
-    )
+    for name, fit in model.fits.items():
+        variance = np.diagonal(fit.covariance - information.lasting(fit))
+        worse = variance > (POOR * fit.value) ** 2
+        if name in MOMENTS and any(
+            worse[index] and key != regressors.CONSTANT and fit.excitation[index] > MATTERS
+            for index, key in enumerate(fit.keys)
+        ):
+            return True
+    return False
 
 
 def robust_worth(

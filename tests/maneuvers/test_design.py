@@ -366,6 +366,14 @@ def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
     loose = model(relative=0.3)
     assert sortie.poor(loose)
     assert not sortie.poor(model())
+    fit = model().fits["Cm"]
+    scale = 0.3 * np.abs(fit.value)
+    heavy = replace(
+        fit,
+        covariance=fit.covariance + np.outer(*2 * [np.sign(fit.value) * scale]),
+        deviations={**fit.deviations, "scale": scale},
+    )
+    assert not sortie.poor(AeroModel({**model().fits, "Cm": heavy}, model().controls))
     known = targets.derivatives(loose, ("Cm",))
     items = [planned["elevator_multisine"]]
     plan = sortie.planned(known, loose, information.nothing(loose), items, budget=300.0)
