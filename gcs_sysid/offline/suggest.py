@@ -88,20 +88,24 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         )
     generator = np.random.default_rng(question.seed)
     gust = _gust(model_dir, question.gust)
-    model, target = stored.model, None
+    pair = None
     if question.separate is not None:
-        target, model = suggestion_target.separating(
-            stored,
-            aircraft,
-            question.separate,
-            lambda: samples_table.flown(model_dir, stored.model),
-        )
+        pair = suggestion_target.causes(stored.model, aircraft, question.separate)
     progress("finding level flight", 0.02)
     drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
     sensed = None if stored.sensing is None else stored.sensing.in_gusts(gust["value"])
     conditions, refused = _conditions(
-        aircraft, model, sensed, drawn, gust["value"], generator, progress
+        aircraft, stored.model, sensed, drawn, gust["value"], generator, progress
     )
+    model, target = stored.model, None
+    if pair is not None:
+        target, model = suggestion_target.separating(
+            stored,
+            pair,
+            lambda: samples_table.flown(model_dir, stored.model),
+            conditions[0].heard,
+        )
+        conditions = [replace(one, model=model) for one in conditions]
     known = information.nothing(model, conditions[0].heard)
     if target is None:
         target = suggestion_target.chosen(

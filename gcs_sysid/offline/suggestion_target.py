@@ -11,6 +11,7 @@ from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS, Aircraft
 from gcs_sysid.errors import RegressorError, UsageError
 from gcs_sysid.estimate.basis import Values
+from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import Suspect, file_sigmas, named, suspects
 from gcs_sysid.estimate.traces import traces
@@ -36,7 +37,7 @@ class Question:
         target: coefficient or derivative to plan for, sure or not; None takes all moments that are
             unsure.
         region: limits of the envelope's part to plan for, see `chosen`.
-        separate: two causes to tell apart, see `separating`; instead of the two before.
+        separate: two causes to tell apart, see `causes`; instead of the two before.
         minutes: flight time of the sortie.
         gust: horizontal intensity to reckon with [m/s]; None takes that of the model's flight.
         home: latitude, longitude and heading of the legs [deg], for a mission; None writes none.
@@ -96,23 +97,18 @@ def chosen(
     return targets.derivatives(model, coefficients)
 
 
-def separating(
-    stored: StoredModel, aircraft: Aircraft, asked: str, flown: Callable[[], Values]
-) -> tuple[Separation, AeroModel]:
-    """The target that `--separate` names, and the model with all terms that it asks about.
+def causes(model: AeroModel, aircraft: Aircraft, asked: str) -> tuple[Suspect, Suspect]:
+    """The two causes that `--separate` names.
 
     Args:
-        stored: identified so far, and the file whose simulation the causes are about.
+        model: identified so far.
         aircraft: with the model for its aerodynamics.
         asked: two causes as `mass,cg_shift`; with what they are about after a colon where there
             are several, as `surface_effectiveness:elevator` or `aero_derivative:CZ_alpha`.
-        flown: every variable along the flights of the model, those of `traces` among them; asked
-            for where a cause shows in other ways than the model's terms do.
 
     Raises:
-        UsageError: not two causes, one that moves no coefficient, or two that move them alike.
+        UsageError: not two causes, or one that moves no coefficient.
     """
-    model = stored.model
     every = [
         one
         for one in (*suspects(aircraft), *traces(aircraft))
@@ -121,19 +117,41 @@ def separating(
     names = [part.strip() for part in asked.split(",")]
     if len(names) != 2:
         raise UsageError(f"--separate {asked}: give two causes, as in mass,cg_shift")
-    one, other = (_suspect(every, name) for name in names)
-    further = _further(model, (one, other))
+    return _suspect(every, names[0]), _suspect(every, names[1])
+
+
+def separating(
+    stored: StoredModel,
+    pair: tuple[Suspect, Suspect],
+    flown: Callable[[], Values],
+    heard: Spectrum | None = None,
+) -> tuple[Separation, AeroModel]:
+    """The target of two causes, and the model with all terms that it asks about.
+
+    Args:
+        stored: identified so far, and the file whose simulation the causes are about.
+        pair: the causes.
+        flown: every variable along the flights of the model, those of `traces` among them; asked
+            for where a cause shows in other ways than the model's terms do.
+        heard: by which the filter tells of coefficients; None where least squares do.
+
+    Raises:
+        UsageError: they move the coefficients alike.
+    """
+    one, other = pair
+    model = stored.model
+    further = _further(model, pair)
     if further:
-        model = widened(model, further, flown())
-    pair = Pair(one.moves, other.moves, file_sigmas(stored.aircraft))
-    nothing = information.nothing(model)
-    alone = apart(model, nothing, replace(pair, second={}))
-    if apart(model, nothing, pair) <= ALIKE * alone:
+        model = widened(model, further, flown(), heard)
+    moves = Pair(one.moves, other.moves, file_sigmas(stored.aircraft))
+    nothing = information.nothing(model, heard)
+    alone = apart(model, nothing, replace(moves, second={}))
+    if apart(model, nothing, moves) <= ALIKE * alone:
         raise UsageError(
-            f"--separate {asked}: they move the coefficients alike, so that no maneuver tells them "
+            f"--separate {one.label}, {other.label}: they move the coefficients alike, so that no maneuver tells them "
             "apart; weigh, swing or measure one of them on the ground"
         )
-    return separation(model, f"{one.label} or {other.label}", pair, one.unit), model
+    return separation(model, f"{one.label} or {other.label}", moves, one.unit), model
 
 
 def _further(model: AeroModel, pair: Sequence[Suspect]) -> dict[str, tuple[str, ...]]:

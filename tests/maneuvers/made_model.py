@@ -9,7 +9,10 @@ import numpy as np
 from scipy import linalg
 
 from gcs_sysid.aircraft import Aircraft, CoefficientModel, Value
+from gcs_sysid.estimate import innovation_spectrum
+from gcs_sysid.estimate.innovation_spectrum import Spectrum
 from gcs_sysid.estimate.result import AeroModel, CoefficientFit
+from gcs_sysid.maneuvers.flown import STEP
 from gcs_sysid.maneuvers.knowledge import Added
 from tests.offline.made_aircraft import small
 
@@ -69,3 +72,18 @@ def model(*, relative: float = 0.05) -> AeroModel:
             effective_samples=1000.0,
         )
     return AeroModel(fits, ("aileron", "elevator", "rudder"))
+
+
+def white(variance: float, *, delay: float = 1e-6) -> Spectrum:
+    """A filter to which rows of every coefficient count alike, whatever their frequency.
+
+    `delay` is how well it knows how late all surfaces are [s]; other errors it knows perfectly.
+    """
+    names = tuple(TERMS)
+    channels = len(names) + innovation_spectrum.CONSTANTS
+    density = np.zeros((2, channels, channels), dtype=complex)
+    density[:, : len(names), : len(names)] = np.eye(len(names)) / variance
+    edges = np.array([0.0, 0.5 / STEP])
+    precision = np.full(12, 1e12)
+    precision[innovation_spectrum.DELAY] = delay**-2.0
+    return Spectrum(STEP, edges, density, names, precision, TERMS, aircraft().control_names)

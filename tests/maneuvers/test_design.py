@@ -13,8 +13,7 @@ from scipy import linalg
 
 from gcs_sysid.aircraft import Value
 from gcs_sysid.errors import UsageError
-from gcs_sysid.estimate import basis, innovation_spectrum
-from gcs_sysid.estimate.innovation_spectrum import Spectrum
+from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.estimate.suspects import file_sigmas, suspects
 from gcs_sysid.maneuvers import (
@@ -34,7 +33,7 @@ from gcs_sysid.maneuvers.flown import LANES, STEP, Flown, Simulator
 from gcs_sysid.maneuvers.knowledge import Added
 from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.model import rigid_body, trim
-from tests.maneuvers.made_model import aircraft, model
+from tests.maneuvers.made_model import aircraft, model, white
 
 
 @pytest.fixture(scope="module")
@@ -407,26 +406,11 @@ def test_the_maneuver_for_two_causes_tells_most_of_their_difference(at, planned)
     assert "elevator" in best.recipe.name or best.recipe.name == "wind_up_turn"
 
 
-def white(at: Condition, variance: float) -> Spectrum:
-    """A filter to which rows of every coefficient count alike, whatever their frequency."""
-    names = tuple(model().fits)
-    channels = len(names) + innovation_spectrum.CONSTANTS
-    density = np.zeros((2, channels, channels), dtype=complex)
-    density[:, : len(names), : len(names)] = np.eye(len(names)) / variance
-    values = {
-        name: {key: item.value for key, item in one.terms.items()}
-        for name, one in at.aircraft.aerodynamics.items()
-    }
-    edges = np.array([0.0, 0.5 / STEP])
-    precision = np.full(12, 1e12)
-    return Spectrum(STEP, edges, density, names, precision, values, at.aircraft.control_names)
-
-
 def test_what_the_filter_hears_is_what_a_maneuver_teaches(at, planned) -> None:
     """Where rows count alike that is plain regression on the motion in calm air; level flight
     beside the maneuver counts as well."""
     item, variance = planned["elevator_doublet"], 1e-4
-    heard = white(at, variance)
+    heard = white(variance)
     again = design.sized(replace(at, heard=heard), item.recipe)
     assert isinstance(again, Maneuver)
     assert again.share == item.share

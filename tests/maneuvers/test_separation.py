@@ -109,7 +109,8 @@ def test_what_the_file_may_have_wrong_says_nothing_of_a_cause() -> None:
 def test_causes_are_named_as_diagnose_has_them() -> None:
     made = aircraft()
     text = "surface_effectiveness:elevator,cg_shift"
-    asked, same = suggestion_target.separating(stored(), made, text, unflown)
+    pair = suggestion_target.causes(model(), made, text)
+    asked, same = suggestion_target.separating(stored(), pair, unflown)
     assert same.fits.keys() == model().fits.keys()
     assert asked.words == "surface_effectiveness elevator or cg_shift"
     assert set(asked.coefficients) == {"Cm", "Cn"}
@@ -138,4 +139,5 @@ def test_the_hard_pairs_can_be_asked_about(one: HardPair) -> None:
 )
 def test_what_cannot_be_told_apart_is_refused(text: str, says: str) -> None:
     with pytest.raises(UsageError, match=says):
-        suggestion_target.separating(stored(), aircraft(), text, unflown)
+        pair = suggestion_target.causes(model(), aircraft(), text)
+        suggestion_target.separating(stored(), pair, unflown)

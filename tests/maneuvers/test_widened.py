@@ -14,7 +14,7 @@ from gcs_sysid.maneuvers import information, separation
 from gcs_sysid.maneuvers.widened import widened
 from gcs_sysid.offline import suggestion_target
 from gcs_sysid.offline.model_store import StoredModel
-from tests.maneuvers.made_model import aircraft, model, rows_of
+from tests.maneuvers.made_model import aircraft, model, rows_of, white
 
 COUNT = 500
 NOISE = 0.02
@@ -65,6 +65,39 @@ def test_further_terms_are_known_as_if_fitted_with_the_others() -> None:
     assert wide.fits["Cl"].keys == model().fits["Cl"].keys
 
 
+def test_by_the_filter_they_are_known_as_rows_of_it_tell() -> None:
+    """Where rows count alike and nothing else is unknown that is least squares again."""
+    values = flown(1, thrust=0.3)
+    further = {"CX": ("Tc",), "Cm": ("elevator_rate", "Tc")}
+    plain, heard = (
+        widened(fitted(values), further, values, told) for told in (None, white(NOISE**2))
+    )
+    for name in further:
+        one, other = (information.seen(item.fits[name]) for item in (heard, plain))
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4 * other.max())
+
+
+def test_a_servo_that_lags_is_told_less_well_where_all_surfaces_may_be_late() -> None:
+    values = flown(1, thrust=0.3)
+    known, unknown = (
+        widened(fitted(values), {"Cm": ("elevator_rate",)}, values, white(NOISE**2, delay=delay))
+        for delay in (1e-6, 0.005)
+    )
+    sure, unsure = (float(item.fits["Cm"].deviation[-1]) for item in (known, unknown))
+    # What aileron and rudder say of it, whose lags are none.
+    told = 0.005**-2.0
+    for name, control in (("CY", "rudder"), ("Cl", "aileron"), ("Cn", "rudder")):
+        fit = model().fits[name]
+        columns = basis.columns(fit.keys, model().controls, values)
+        late = fit.value[fit.keys.index(control)] * values[f"{control}_rate"]
+        left = late - columns @ np.linalg.lstsq(columns, late, rcond=None)[0]
+        told += left @ left / NOISE**2
+    # The lag times the elevator's slope is what the term holds.
+    size = abs(known.fits["Cm"].value[known.fits["Cm"].keys.index("elevator")])
+    assert unsure > 1.5 * sure
+    assert unsure == pytest.approx(np.hypot(sure, size / np.sqrt(told)), rel=0.05)
+
+
 def test_what_is_no_noise_stays_with_the_terms_that_had_it() -> None:
     values = flown(1, thrust=0.3)
     made = fitted(values)
@@ -88,7 +121,8 @@ def test_thrust_and_drag_come_apart_where_thrust_varies(asked: str) -> None:
         for name, each in aircraft().aerodynamics.items()
     }
     stored = StoredModel(fitted(values), replace(aircraft(), aerodynamics=exact), 0.0, [])
-    target, wide = suggestion_target.separating(stored, aircraft(), asked, lambda: values)
+    pair = suggestion_target.causes(stored.model, aircraft(), asked)
+    target, wide = suggestion_target.separating(stored, pair, lambda: values)
     assert set(target.coefficients) == {"CX"}
     before = separation.apart(wide, information.nothing(wide), target.pair)
     columns = basis.columns(wide.fits["CX"].keys, wide.controls, flown(3, thrust=0.3))
