@@ -148,8 +148,8 @@ def separating(
     alone = apart(model, nothing, replace(moves, second={}))
     if apart(model, nothing, moves) <= ALIKE * alone:
         raise UsageError(
-            f"--separate {one.label}, {other.label}: they move the coefficients alike, so that no maneuver tells them "
-            "apart; weigh, swing or measure one of them on the ground"
+            f"--separate {one.label}, {other.label}: they move the coefficients alike, so that no "
+            "maneuver tells them apart; weigh, swing or measure one of them on the ground"
         )
     return separation(model, f"{one.label} or {other.label}", moves, one.unit), model
 

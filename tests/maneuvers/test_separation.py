@@ -138,6 +138,9 @@ def test_the_hard_pairs_can_be_asked_about(one: HardPair) -> None:
     ],
 )
 def test_what_cannot_be_told_apart_is_refused(text: str, says: str) -> None:
-    with pytest.raises(UsageError, match=says):
+    def asked() -> None:
         pair = suggestion_target.causes(model(), aircraft(), text)
         suggestion_target.separating(stored(), pair, unflown)
+
+    with pytest.raises(UsageError, match=says):
+        asked()
