@@ -39,6 +39,27 @@ def updated(
     return curvature - np.outer(along, along) / before + np.outer(change, change) / after
 
 
+def corrected(
+    matrix: Float[np.ndarray, "parameter parameter"],
+    step: Float[np.ndarray, " parameter"],
+    left: Float[np.ndarray, " parameter"],
+    metric: Float[np.ndarray, "parameter parameter"],
+) -> Float[np.ndarray, "parameter parameter"]:
+    """The slope of equations after one update of Broyden (Math. Comp. 19, 1965).
+
+    Of all that explain what the last step did, the one nearest by a metric: equations that are not
+    the gradient of anything have no curvature that could be kept symmetric.
+
+    Args:
+        matrix: minus the slope of the equations, as believed.
+        step: that was taken.
+        left: the equations where it led, less what the matrix had foretold.
+        metric: of steps, positive definite.
+    """
+    along = metric @ step
+    return matrix - np.outer(left, along) / (step @ along)
+
+
 def bounded(
     curvature: Float[np.ndarray, "parameter parameter"],
     slope: Float[np.ndarray, " parameter"],

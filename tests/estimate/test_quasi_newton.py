@@ -89,3 +89,41 @@ def test_a_parameter_without_curvature_stays() -> None:
     without = quasi_newton.bounded(curvature[others], slope[[0, 2]], longest[[0, 2]])
     step = quasi_newton.bounded(curvature, slope, longest)
     np.testing.assert_array_equal(step, [without[0], 0.0, without[1]])
+
+
+def test_equations_that_are_no_gradient_are_corrected_by_what_steps_do() -> None:
+    """Steps by a slope that is twice too flat along one direction swing for ever; corrected they
+    end where the equations vanish."""
+    true = np.array([[4.0, 1.0, 0.0], [0.0, 3.0, 0.5], [0.2, 0.0, 1.0]])
+    believed = true.copy()
+    believed[2, 2] = 0.45
+    metric = np.diag([4.0, 3.0, 1.0])
+    target = np.array([1.0, -2.0, 3.0])
+
+    def ends(*, correcting: bool) -> float:
+        matrix, place = believed, np.zeros(3)
+        slope = true @ (target - place)
+        for _ in range(8):
+            step = np.linalg.solve(matrix, slope)
+            if np.abs(step).max() < 1e-9:
+                break
+            place, foretold = place + step, slope - matrix @ step
+            slope = true @ (target - place)
+            if correcting:
+                matrix = quasi_newton.corrected(matrix, step, slope - foretold, metric)
+        return float(np.abs(place - target).max())
+
+    assert ends(correcting=False) > 1.0
+    assert ends(correcting=True) < 1e-6
+
+
+def test_a_correction_explains_the_last_step_and_leaves_what_is_across_it() -> None:
+    generator = np.random.default_rng(0)
+    matrix, root = generator.standard_normal((2, 4, 4))
+    metric = root @ root.T + np.eye(4)
+    step, left = generator.standard_normal((2, 4))
+    found = quasi_newton.corrected(matrix, step, left, metric)
+    np.testing.assert_allclose(found @ step, matrix @ step - left)
+    across = np.linalg.solve(metric, np.linalg.qr(np.outer(metric @ step, np.ones(4)))[0][:, 1])
+    across -= step * (across @ metric @ step) / (step @ metric @ step)
+    np.testing.assert_allclose(found @ across, matrix @ across, atol=1e-12)
