@@ -192,7 +192,7 @@ def _teaches(item: Mapping, summary: Mapping) -> str:
         # What is asked about beside the model's own terms is 0 as far as anybody knows.
         told = {
             key: tuple(
-                math.sqrt(max(one[when] ** 2 - values[name][key]["sd_stays"] ** 2, 0.0))
+                _beside(one[when], values[name][key]["sd_stays"])
                 for when in ("sd_before", "sd_after")
             )
             for key, one in terms.items()
@@ -206,6 +206,11 @@ def _teaches(item: Mapping, summary: Mapping) -> str:
         before, after = (number(one / size, 2) for one in pair)
         parts.append(f"{labels.derivative(name, key)} from {before} to {after} %")
     return ", ".join(parts) + " (sd)"
+
+
+def _beside(whole: float, stays: float) -> float:
+    """What flying can change of a deviation."""
+    return math.sqrt(max(whole**2 - stays**2, 0.0))
 
 
 def _stays(sortie: Mapping) -> str:
@@ -255,13 +260,13 @@ def _maneuvers(summary: Mapping) -> Table:
 
 def _derivatives(name: str, terms: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(
-        (f"{name}", "value", "sd now", "sd after the sortie", "of it, whatever is flown"),
+        (f"{name}", "value", "sd now", "sd after the sortie", "sd that stays beside"),
         tuple(
             (
                 labels.derivative(name, key),
                 number(one["value"], 3),
-                number(one["sd_before"], 2),
-                number(one["sd_after"], 2),
+                number(_beside(one["sd_before"], one["sd_stays"]), 2),
+                number(_beside(one["sd_after"], one["sd_stays"]), 2),
                 number(one["sd_stays"], 2),
             )
             for key, one in terms.items()
