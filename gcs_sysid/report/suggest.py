@@ -319,7 +319,10 @@ def _card(item: Mapping, figure: Figure, summary: Mapping) -> Card:
             Pair("length", f"{item['duration_s']:.1f} s, and 3 s hands off"),
         ),
         expected=tuple(
-            Pair(labels.derivative(name, key), _before_after(one))
+            Pair(
+                labels.derivative(name, key),
+                _before_after(one, summary["sortie"]["derivatives"][name][key]["sd_stays"]),
+            )
             for name in item["target"]["coefficients"]
             for key, one in item["expected"].get(name, {"derivatives": {}})["derivatives"].items()
         ),
@@ -329,8 +332,9 @@ def _card(item: Mapping, figure: Figure, summary: Mapping) -> Card:
     )
 
 
-def _before_after(one: Mapping[str, float]) -> str:
-    return f"{number(one['sd_before'], 2)} → {number(one['sd_after'], 2)}"
+def _before_after(one: Mapping[str, float], stays: float) -> str:
+    before, after = (number(_beside(one[f"sd_{when}"], stays), 2) for when in ("before", "after"))
+    return f"{before} → {after}"
 
 
 def _stop(abort: Mapping[str, Sequence[float]]) -> tuple[Pair, ...]:
