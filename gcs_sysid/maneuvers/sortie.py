@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs_sysid import regressors
 from gcs_sysid.aircraft import MOMENTS
-from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.estimate.result import AeroModel, CoefficientFit
 from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.design import AFTER, AROUND, ON_A_LEG, Maneuver
 from gcs_sysid.maneuvers.information import Covariances
@@ -20,13 +20,11 @@ from gcs_sysid.maneuvers.target import Target
 CAREFUL = (0.25, 0.5)
 """Shares of the amplitude at which a maneuver is tried first where the model is poor."""
 POOR = 0.15
-"""A model is poor where a derivative that matters is known worse than to this part of itself, what
-mass and inertia leave unsure apart: how an aircraft answers is known whatever they are."""
+"""A model is poor where a moment is known worse than to this part of what it varied by, what mass and
+inertia leave unsure apart: how an aircraft answers is known whatever they are."""
 LEAST_WORTH = 0.01
 """A maneuver is left out that would make no stated deviation smaller by this part, and a sortie
 ends where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
-MATTERS = 0.1
-"""Share of a coefficient's variation from which on a derivative matters."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +72,21 @@ def cost(maneuver: Maneuver) -> float:
 
 def poor(model: AeroModel) -> bool:
     """Whether the first steps must be careful ones."""
-    for name, fit in model.fits.items():
-        variance = np.diagonal(fit.covariance - information.lasting(fit))
-        worse = variance > (POOR * fit.value) ** 2
-        if name in MOMENTS and any(
-            worse[index] and key != regressors.CONSTANT and fit.excitation[index] > MATTERS
-            for index, key in enumerate(fit.keys)
-        ):
-            return True
-    return False
+    return any(_unsure(fit) > POOR for name, fit in model.fits.items() if name in MOMENTS)
+
+
+def _unsure(fit: CoefficientFit) -> float:
+    """Deviation of a coefficient in the motions that it was learned from, over its own there.
+
+    Not that of a derivative: one that hardly acts (yaw by roll rate) may be known to a fifth where
+    what the aircraft does is known to a fiftieth.
+    """
+    moved = [index for index, key in enumerate(fit.keys) if key != regressors.CONSTANT]
+    moved = [index for index in moved if fit.value[index] != 0.0]
+    known = (fit.covariance - information.lasting(fit))[np.ix_(moved, moved)]
+    acting = fit.excitation[moved] / np.abs(fit.value[moved])
+    each = np.outer(acting, acting) * fit.correlation[np.ix_(moved, moved)] * known
+    return float(np.sqrt(max(each.sum(), 0.0)))
 
 
 def robust_worth(

@@ -373,6 +373,17 @@ def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
         deviations={**fit.deviations, "scale": scale},
     )
     assert not sortie.poor(AeroModel({**model().fits, "Cm": heavy}, model().controls))
+    # Nor one derivative that hardly acts.
+    yaw = model().fits["Cn"]
+    part = np.where([key == "phat" for key in yaw.keys], 0.3, 0.05)
+    faint = replace(
+        yaw,
+        covariance=np.diag((part * yaw.value) ** 2),
+        excitation=np.where(part > 0.1, 0.2, 1.0),
+    )
+    assert not sortie.poor(AeroModel({**model().fits, "Cn": faint}, model().controls))
+    acting = replace(faint, excitation=np.ones(part.size))
+    assert sortie.poor(AeroModel({**model().fits, "Cn": acting}, model().controls))
     known = targets.derivatives(loose, ("Cm",))
     items = [planned["elevator_multisine"]]
     plan = sortie.planned(known, loose, information.nothing(loose), items, budget=300.0)

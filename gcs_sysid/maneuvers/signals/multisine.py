@@ -78,7 +78,7 @@ def _optimised(
     starts = [-np.pi * np.arange(count) ** 2 / count]
     starts += list(generator.uniform(-np.pi, np.pi, (STARTS, count)))
     angle = 2.0 * np.pi * harmonic[:, None] * grid
-    # sin(a + φ) = cos φ sin a + sin φ cos a: products with what stays, a twentieth of the sines.
+    # sin(a + φ) = cos φ sin a + sin φ cos a: products with what stays cost less than the sines.
     across, along = np.sin(angle), np.cos(angle)
 
     def size(phases: np.ndarray, norm: int) -> tuple[float, np.ndarray]:
