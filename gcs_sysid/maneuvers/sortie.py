@@ -20,8 +20,8 @@ from gcs_sysid.maneuvers.target import Target
 CAREFUL = (0.25, 0.5)
 """Shares of the amplitude at which a maneuver is tried first where the model is poor."""
 POOR = 0.15
-"""A model is poor where a moment is known worse than to this part of what it varied by, what mass and
-inertia leave unsure apart: how an aircraft answers is known whatever they are."""
+"""A model is poor where a moment is known worse than to this part of what it varied by, what mass
+and inertia leave unsure apart: how an aircraft answers is known whatever they are."""
 LEAST_WORTH = 0.01
 """A maneuver is left out that would make no stated deviation smaller by this part, and a sortie
 ends where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
