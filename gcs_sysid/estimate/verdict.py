@@ -22,10 +22,8 @@ FEEBLE = 0.05
 
 BLURRED = "gusts: the flow and the rotation that the air felt were not measured well enough"
 LAGGING = "the lag of the moments behind the surfaces is not known well enough"
-MANY = 0.25
-"""Share of all slopes. Of an AD-1's, after two minutes of large inputs in gusts of a hundredth of
-the airspeed, least squares told 9 or 10 of 28 not at all, and those of its moments to 9 % with the
-file; inside the filter it is 1 %. Of the bundled flight's in light air they do not tell 3 of 23."""
+MANY = 1.0 / 3.0
+"""Share of all slopes."""
 
 
 @dataclass(frozen=True)

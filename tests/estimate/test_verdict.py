@@ -71,8 +71,7 @@ def test_a_model_is_blurred_where_many_slopes_are(matrix: np.ndarray) -> None:
     unclear = fitted(matrix, scatter=0.002, error=error)
     assert blurred([unclear])
     assert blurred([clear, unclear])
-    assert blurred([clear, clear, unclear])
-    assert not blurred([clear, clear, clear, unclear])
+    assert not blurred([clear, clear, unclear])
 
 
 def test_wrong_mass_properties_are_named_where_they_are_the_largest_part(
