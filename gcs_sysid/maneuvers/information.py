@@ -77,17 +77,23 @@ def nothing(model: AeroModel, heard: Spectrum | None = None) -> Knowledge:
         heard: by which the filter tells of them; None where least squares do.
     """
     errors = np.zeros(0) if heard is None else heard.precision
-    places, first = {}, 0
-    for name, fit in model.fits.items():
-        places[name] = slice(first, first + len(fit.keys))
-        first += len(fit.keys)
-    believed = np.diag(np.concatenate([np.zeros(first), errors]))
+    placed, count = places(model)
+    believed = np.diag(np.concatenate([np.zeros(count), errors]))
     for name, fit in model.fits.items():
         noise, _, _ = _parts(fit)
         root = np.sqrt(np.diagonal(noise))
         known = np.linalg.inv(noise / np.outer(root, root)) / np.outer(root, root)
-        believed[places[name], places[name]] = known
-    return Knowledge(places, believed, Added(np.zeros(believed.shape), 0.0))
+        believed[placed[name], placed[name]] = known
+    return Knowledge(placed, believed, Added(np.zeros(believed.shape), 0.0))
+
+
+def places(model: AeroModel) -> tuple[dict[str, slice], int]:
+    """Where the terms of each coefficient lie among those of all, and how many these are."""
+    found, first = {}, 0
+    for name, fit in model.fits.items():
+        found[name] = slice(first, first + len(fit.keys))
+        first += len(fit.keys)
+    return found, first
 
 
 def noise_deviation(fit: CoefficientFit) -> Float[np.ndarray, " term"]:

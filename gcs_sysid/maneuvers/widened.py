@@ -84,13 +84,10 @@ def _heard(
 ) -> dict[str, Float[np.ndarray, "term term"]]:
     """T of each coefficient that has further terms, by the filter."""
     whole = heard.information(asked, flown, heard.step)
+    placed, count = information.places(asked)
     vague = VAGUE * np.diagonal(whole)
-    vague[-heard.precision.size :] = heard.precision
-    places, first = {}, 0
-    for name, fit in asked.fits.items():
-        places[name] = slice(first, first + len(fit.keys))
-        first += len(fit.keys)
-    known = Knowledge(places, np.diag(vague), Added(whole, 0.0))
+    vague[count:] = heard.precision
+    known = Knowledge(placed, np.diag(vague), Added(whole, 0.0))
     return {name: known.of(name).information for name in wider}
 
 

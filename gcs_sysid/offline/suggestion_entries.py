@@ -13,7 +13,7 @@ from gcs_sysid.maneuvers import design, information
 from gcs_sysid.maneuvers.design import Maneuver
 from gcs_sysid.maneuvers.information import Gain
 from gcs_sysid.maneuvers.knowledge import Knowledge
-from gcs_sysid.maneuvers.recipes import Kind
+from gcs_sysid.maneuvers.recipes import TURNS, Kind
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
 
@@ -72,7 +72,10 @@ def entry(
         "share_of_full_size": item.share,
         "duration_s": item.recipe.duration,
         "how": item.recipe.how,
-        "entry": {"airspeed": item.airspeed, "height": item.height, "bank": 0.0},
+        "entry": {
+            **{"airspeed": item.airspeed, "height": item.height, "bank": 0.0},
+            "holds": "attitude" if item.recipe.kind in TURNS else "heading",
+        },
         "expected": {name: _expected(gains[name]) for name in told},
         "envelope": {
             **{name: list(values) for name, values in reach.ranges.items()},

@@ -10,7 +10,6 @@ import numpy as np
 
 from gcs_sysid.figures.data import Figure
 from gcs_sysid.figures.maneuver import THROTTLE, confidence, maneuver
-from gcs_sysid.maneuvers.recipes import TURNS
 from gcs_sysid.report import labels, page
 from gcs_sysid.report.findings import Finding
 from gcs_sysid.report.numbers import number
@@ -316,7 +315,7 @@ def _card(item: Mapping, figure: Figure, summary: Mapping) -> Card:
             Pair("airspeed", f"{entry['airspeed']:.1f} m/s"),
             Pair("height", f"{entry['height']:.0f} m above ground or more"),
             Pair("attitude", "wings level, trimmed for 5 s, into the wind first, then with it"),
-            Pair("autopilot", "holds " + ("attitude" if item["kind"] in TURNS else "the heading")),
+            Pair("autopilot", f"holds {entry['holds']}"),
             Pair("gusts", f"no more than {number(summary['gust']['value'], 2)} m/s"),
             Pair("length", f"{item['duration_s']:.1f} s, and 3 s hands off"),
         ),

@@ -11,7 +11,7 @@ from gcs_sysid import aircraft_file, atmosphere, frames
 from gcs_sysid.maneuvers import holding
 from gcs_sysid.model import trim
 
-AIRCRAFT = Path("data/aircraft")
+AIRCRAFT = Path(__file__).resolve().parents[2] / "data" / "aircraft"
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,8 @@ def test_maneuvers_have_the_keys_of_the_interface(planned) -> None:
     assert len(listed) >= 4
     for item in listed:
         assert item["target"]["coefficients"] == ["Cm"]
+        turning = item["kind"] in ("wind-up turn", "coupled rolls")
+        assert item["entry"]["holds"] == ("attitude" if turning else "heading")
         assert set(item["target"]["region"]) == {"airspeed", "alpha", "beta"}
         expected = item["expected"]["Cm"]
         assert 0.0 < expected["sd_after"] < expected["sd_before"]
