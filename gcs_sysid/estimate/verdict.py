@@ -50,9 +50,9 @@ def judge(fit: CoefficientFit, index: int, believed: float | None) -> Verdict:
 
 
 def blurred(fits: Iterable[CoefficientFit]) -> bool:
-    """Whether many slopes are not told at all since the flow was not measured well."""
+    """Whether many slopes are not known since the flow was not measured well."""
     unknown = [
-        judge(fit, index, None) == Verdict("no", BLURRED)
+        judge(fit, index, None).reason == BLURRED
         for fit in fits
         for index, key in enumerate(fit.keys)
         if key != regressors.CONSTANT

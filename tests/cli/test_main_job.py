@@ -34,16 +34,17 @@ def gcs_sysid(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     folder = tmp_path_factory.mktemp("identify")
-    done = gcs_sysid("identify", FLIGHTS / "demo.tlog", "--aircraft", AIRCRAFT, cwd=folder)
-    return folder / "demo-identify", done
+    log = FLIGHTS / "demo_second.tlog"
+    done = gcs_sysid("identify", log, "--aircraft", AIRCRAFT, cwd=folder)
+    return folder / "demo_second-identify", done
 
 
 @pytest.fixture(scope="module")
 def predicted(identified, tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     folder = tmp_path_factory.mktemp("predict")
-    log = FLIGHTS / "demo_second.tlog"
+    log = FLIGHTS / "demo.tlog"
     done = gcs_sysid("predict", log, "--model", identified[0], "--json", cwd=folder)
-    return folder / "demo_second-predict", done
+    return folder / "demo-predict", done
 
 
 def test_identify_ends_with_ten_lines_and_the_report(identified):
