@@ -38,7 +38,7 @@ def silent(text: str, share: float) -> None:
 
 
 def run(logs: list[Path], out: Path, **changes: Any) -> Identified:
-    """`identify` without prior, by least squares, which takes seconds, where a test does not ask."""
+    """`identify` without prior, and by least squares (seconds) where a test does not say how."""
     options = {
         "prior": "none", "segments": None, "vehicle": None, "stepwise": False,
         "aircraft": AIRCRAFT, "method": "equation-error",
