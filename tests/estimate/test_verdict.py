@@ -72,6 +72,10 @@ def test_a_model_is_blurred_where_many_slopes_are(matrix: np.ndarray) -> None:
     assert blurred([unclear])
     assert blurred([clear, unclear])
     assert not blurred([clear, clear, unclear])
+    weak = fitted(matrix, scatter=0.002, error=error / 4.0)
+    assert [judge(weak, index, None).answer for index in (1, 2, 3)] == ["weak"] * 3
+    assert blurred([weak])
+    assert not blurred([fitted(matrix, scatter=0.002, error=error / 16.0)])
 
 
 def test_wrong_mass_properties_are_named_where_they_are_the_largest_part(

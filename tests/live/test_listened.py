@@ -16,13 +16,12 @@ from gcs_sysid.errors import InputError
 from gcs_sysid.live import snapshot
 from gcs_sysid.live.coefficients import HOP, KEPT
 from gcs_sysid.live.inside_feed import InsideFeed
-from gcs_sysid.live.listen import Ending, identified
 from gcs_sysid.live.processes import Processes
 from gcs_sysid.live.regression import RunningModel
 from gcs_sysid.live.rows import Row, RowMaker
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.model.kinematics import MEASURED
-from gcs_sysid.offline import documents
+from gcs_sysid.offline import documents, identify
 from gcs_sysid.reconstruct import inertial_filter, measurements
 from gcs_sysid.reconstruct.kinematic_ekf import KinematicFilter
 from gcs_sysid.reconstruct.reconstruction import first_noise, first_state, sensor_levers
@@ -180,14 +179,16 @@ def test_states_hold_the_truth(listened) -> None:
 
 @pytest.fixture(scope="session")
 def summary(listened, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
-    """What listening ends with: the recording identified."""
+    """The recording identified by least squares, as the live coefficients and first model are."""
     out = tmp_path_factory.mktemp("identified")
-    ending = Ending("quiet", {"vehicle": 1}, listened.recording)
-    document = identified(
-        ending,
+    document = identify.run(
+        [listened.recording],
         ROOT / "data/aircraft/ultra_stick_25e.toml",
         prior="none",
-        vehicle=None,
+        segments=None,
+        vehicle=1,
+        method="equation-error",
+        stepwise=False,
         out=out,
         progress=lambda _stage, _share: None,
     )
