@@ -516,6 +516,6 @@ def _held(aircraft: Aircraft) -> tuple[str, ...]:
 def _cut_short(item: _Prepared) -> str:
     minutes = float(np.median(item.rows.rows.step)) / 60.0
     return (
-        f"{item.one.recording.source}: of {item.rows.rows.step.size * minutes:.0f} minutes the "
-        f"{flight_rows.LONGEST * minutes:.0f} with the most control were fitted; states are of all"
+        f"{item.one.recording.source}: of {item.rows.rows.step.size * minutes:.1f} minutes the "
+        f"{flight_rows.LONGEST * minutes:.1f} with the most control were fitted; states are of all"
     )
