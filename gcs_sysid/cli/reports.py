@@ -20,13 +20,10 @@ def write(run: Literal["identify", "predict"], summary: Mapping[str, Any], table
     Returns:
         The findings in at most ten lines, the last one naming the report.
     """
-    import pyarrow.parquet as parquet
-
-    from gcs_sysid.offline import documents
+    from gcs_sysid.offline import documents, parquet_file
     from gcs_sysid.report import identify, predict, ten_lines
 
-    columns = parquet.read_table(table)
-    samples = {name: columns[name].to_numpy() for name in columns.column_names}
+    samples = parquet_file.read(table)
     render = identify.render if run == "identify" else predict.render
     path = table.with_name(REPORT)
     documents.write_text(path, render(summary, samples))
@@ -43,14 +40,11 @@ def sheet(
         summary: its document.
         table: its table, Parquet.
     """
-    import pyarrow.parquet as parquet
-
-    from gcs_sysid.offline import documents
+    from gcs_sysid.offline import documents, parquet_file
     from gcs_sysid.report import diagnose, simulate, suggest
     from gcs_sysid.report import sheet as sheets
 
-    columns = parquet.read_table(table)
-    samples = {name: columns[name].to_numpy() for name in columns.column_names}
+    samples = parquet_file.read(table)
     made = {"simulate": simulate, "diagnose": diagnose, "suggest": suggest}[run]
     path = table.with_name(REPORT)
     documents.write_text(path, made.render(summary, samples))

@@ -17,14 +17,14 @@ from typing import Any, Literal
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import SourceError
+from gcs_sysid.estimate.file_prior import file_prior
 from gcs_sysid.live import showing, snapshot, warming
 from gcs_sysid.live.handing import Thing, handed_on
 from gcs_sysid.live.inside_beside import Beside
 from gcs_sysid.live.session import BUS, Asking, Clock, Line, Session
 from gcs_sysid.live.showing import Show
 from gcs_sysid.live.station import Compiled, Station
-from gcs_sysid.offline import documents, identify
-from gcs_sysid.offline.identify import file_prior
+from gcs_sysid.offline import documents
 from gcs_sysid.sources.can.tunnel import SCHEME as BUS_SCHEME
 from gcs_sysid.sources.link import LinkReader, Mailbox, bytes_per_second, is_link
 from gcs_sysid.sources.reconnecting import ReconnectingLink, open_lasting
@@ -300,6 +300,9 @@ def identified(
     Raises:
         InputError: the recording cannot be used; it stays.
     """
+    # Only now: what identification takes would stand in memory throughout the flight.
+    from gcs_sysid.offline import identify
+
     return identify.run(
         list(ending.parts or (ending.recording,)),
         aircraft,

@@ -30,6 +30,7 @@ from gcs_sysid.offline import (
     flight,
     gust_diagnosis,
     maneuver_choice,
+    parquet_file,
     summary,
     tested,
 )
@@ -125,7 +126,7 @@ def run(
         path = out / "diagnosis.json"
         documents.write_json(path, _unfinished(under, flights, known[-1]))
         raise StoppedError(f"stopped; what was known by then is in {path}") from stop
-    documents.write_table(out / "residuals.parquet", table)
+    parquet_file.write(out / "residuals.parquet", table)
     aircraft_file.save(better, out / EXTENDED)
     changes = file_changes.lines(under.aircraft, better, source=under.source, to=EXTENDED)
     documents.write_text(out / PATCH, "".join(f"{line}\n" for line in changes))

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 
 def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
@@ -62,9 +60,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
-
-
-def write_table(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Writes columns of one length as Parquet."""
-    table = pa.table({name: pa.array(np.asarray(values)) for name, values in columns.items()})
-    write_atomic(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))

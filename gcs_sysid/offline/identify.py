@@ -20,6 +20,7 @@ from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import equation_error, innovation_spectrum, stepwise, verdict
+from gcs_sysid.estimate.file_prior import file_prior
 from gcs_sysid.estimate.filter_error import Fit
 from gcs_sysid.estimate.inside_filter import Derivatives
 from gcs_sysid.estimate.lacking import Lacking
@@ -34,6 +35,7 @@ from gcs_sysid.offline import (
     linear_models,
     maneuver_choice,
     model_store,
+    parquet_file,
     samples_table,
     summary,
     unused_keys,
@@ -119,7 +121,7 @@ def run(
         sensing=innovation_spectrum.usual(sensing) if sensing else None,
     )
     model_store.save(out / "model", stored)
-    documents.write_table(out / "samples.parquet", table)
+    parquet_file.write(out / "samples.parquet", table)
     document = _document(found, described, table, held_out, prior)
     progress("finding the modes", 1.0)
     document["modes"] = _modes(stored, document["trim"]["V"], found.flights)
@@ -176,17 +178,6 @@ def _read(
             )
         )
     return flights
-
-
-def file_prior(aircraft: Aircraft) -> dict[str, Prior]:
-    """The file's aerodynamics as values believed beforehand."""
-    return {
-        name: Prior(
-            value={key: item.value for key, item in model.terms.items()},
-            sigma={key: item.sigma for key, item in model.terms.items()},
-        )
-        for name, model in aircraft.aerodynamics.items()
-    }
 
 
 class _Asked(NamedTuple):

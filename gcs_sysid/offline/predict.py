@@ -18,6 +18,7 @@ from gcs_sysid.offline import (
     flight,
     maneuver_choice,
     model_store,
+    parquet_file,
     samples_table,
     summary,
 )
@@ -70,7 +71,7 @@ def run(
     one, reason = _with_states(one, stored, method, progress)
     everything = [item.id for item in one.segments]
     table = samples_table.table([one], stored.model, everything, unseen=True)
-    documents.write_table(out / "predictions.parquet", table)
+    parquet_file.write(out / "predictions.parquet", table)
     refused = {
         **{
             name: "the model has no such coefficient: the flights it was made from refused it"

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 from jaxtyping import Float
 
 from gcs_sysid.aircraft import COEFFICIENTS
@@ -14,6 +13,7 @@ from gcs_sysid.errors import InputError
 from gcs_sysid.estimate import traces
 from gcs_sysid.estimate.coefficients import Samples
 from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.offline import parquet_file
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.regressors import VARIABLES
 
@@ -127,8 +127,7 @@ def flown(model_dir: Path, model: AeroModel) -> dict[str, np.ndarray]:
             "these causes",
             fix="give the folder that identify wrote, or identify again",
         )
-    columns = pq.read_table(path).to_pydict()
-    table = {name: np.asarray(column) for name, column in columns.items()}
+    table = parquet_file.read(path)
     found = regressors(table, model.controls)
     each = np.unique(table["flight"])
     parts = [

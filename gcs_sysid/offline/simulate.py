@@ -20,6 +20,7 @@ from gcs_sysid.offline import (
     documents,
     flight,
     maneuver_choice,
+    parquet_file,
     summary,
     tested,
     windows,
@@ -92,7 +93,7 @@ def run(
             fix="record at least that long without loss",
         )
     found = windows.fly(flown, cut)
-    documents.write_table(out / "simulated.parquet", _table(one, cut, found))
+    parquet_file.write(out / "simulated.parquet", _table(one, cut, found))
     document = {
         **summary.header("simulate", under.aircraft, "none"),
         "simulation": under.source,

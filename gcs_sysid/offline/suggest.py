@@ -31,6 +31,7 @@ from gcs_sysid.model.trim import Trim
 from gcs_sysid.offline import (
     documents,
     model_store,
+    parquet_file,
     samples_table,
     suggestion_entries,
     suggestion_exports,
@@ -137,7 +138,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     )
     documents.write_text(out / "maneuvers.json", documents.dump_json(listed) + "\n")
     table = suggestion_files.motions([item for _, item in kept], names)
-    documents.write_table(out / "maneuvers.parquet", table)
+    parquet_file.write(out / "maneuvers.parquet", table)
     document = {
         **summary.header("suggest", aircraft, "model"),
         "model": {"source": str(model_dir), "flights": stored.provenance},

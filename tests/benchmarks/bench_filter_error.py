@@ -35,12 +35,12 @@ from gcs_sysid import aircraft_file, regressors  # noqa: E402 - found from ROOT
 from gcs_sysid.aircraft import COEFFICIENTS, FORCES, MOMENTS, Aircraft  # noqa: E402
 from gcs_sysid.cli import numerics  # noqa: E402
 from gcs_sysid.estimate import basis, in_common  # noqa: E402
+from gcs_sysid.estimate.file_prior import file_prior  # noqa: E402
 from gcs_sysid.estimate.filter_error import Fit  # noqa: E402
 from gcs_sysid.estimate.result import Prior  # noqa: E402
 from gcs_sysid.offline import aided_fit, flight, maneuver_choice  # noqa: E402
 from gcs_sysid.offline.aided_fit import AidedFlights, UnsettledError  # noqa: E402
 from gcs_sysid.offline.flight import Flight  # noqa: E402
-from gcs_sysid.offline.identify import file_prior  # noqa: E402
 from gcs_sysid.sources.registry import open_recording  # noqa: E402
 from tests.benchmarks import filter_error_tables  # noqa: E402
 

@@ -26,10 +26,10 @@ from gcs_sysid import aircraft_file, regressors
 from gcs_sysid.aircraft import COEFFICIENTS, Aircraft
 from gcs_sysid.cli import numerics
 from gcs_sysid.estimate.coefficients import Samples
+from gcs_sysid.estimate.file_prior import file_prior
 from gcs_sysid.live import envelope_map, processes, warming
 from gcs_sysid.live.coefficients import KEPT
 from gcs_sysid.live.station import Compiled, Station
-from gcs_sysid.offline.identify import file_prior
 from gcs_sysid.sources import tlog
 from gcs_sysid.sources.stream import FrameStream
 

@@ -10,11 +10,11 @@ import pytest
 
 from gcs_sysid import aircraft_file
 from gcs_sysid.aircraft import Aircraft
+from gcs_sysid.estimate.file_prior import file_prior
 from gcs_sysid.live.listen import LIVE
 from gcs_sysid.live.session import Clock, Session
 from gcs_sysid.live.station import Compiled, Station
 from gcs_sysid.offline import documents
-from gcs_sysid.offline.identify import file_prior
 from gcs_sysid.sitl import record, scenario
 from gcs_sysid.sources.link import Chunk, Mailbox
 from gcs_sysid.sources.recorder import Recorder

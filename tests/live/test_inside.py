@@ -20,6 +20,7 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.cli import numerics
 from gcs_sysid.estimate import in_common, quick_air
+from gcs_sysid.estimate.file_prior import file_prior
 from gcs_sysid.estimate.flight_rows import Flight
 from gcs_sysid.estimate.quick_air import QuickAirError
 from gcs_sysid.live import inside, inside_fit, inside_rows
@@ -35,7 +36,6 @@ from gcs_sysid.live.station import Compiled
 from gcs_sysid.model import aided
 from gcs_sysid.offline import aided_flight, flight, maneuver_choice
 from gcs_sysid.offline.aided_flight import Kinematics
-from gcs_sysid.offline.identify import file_prior
 from gcs_sysid.reconstruct.aided_smoother import Beginning
 from tests.live.flown import sure
 

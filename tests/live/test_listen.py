@@ -6,6 +6,8 @@ import inspect
 import json
 import queue
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -405,6 +407,14 @@ def test_a_link_that_cannot_be_opened(aircraft, tmp_path) -> None:
             stopped=lambda: True,
         )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_only_the_end_needs_is_not_in_memory_before() -> None:
+    code = "import sys; import gcs_sysid.live.listen; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "gcs_sysid.live.station" in loaded
+    assert not loaded & {"pyarrow", "gcs_sysid.offline.identify", "gcs_sysid.report"}
 
 
 def test_it_is_identified_as_identify_would_do_it(tmp_path, monkeypatch) -> None:

@@ -6,7 +6,6 @@ import stat
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -68,16 +67,3 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_no_rubbish(tmp_path: Path)
 def test_others_may_read_what_was_written(tmp_path: Path) -> None:
     documents.write_text(tmp_path / "x", "x")
     assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == 0o644
-
-
-def test_tables_keep_types_and_values(tmp_path: Path) -> None:
-    columns = {
-        "time_us": np.array([1_700_000_000_000_000, 2], dtype=np.int64),
-        "CX": np.array([0.1, np.nan]),
-        "held_out": np.array([True, False]),
-    }
-    documents.write_table(tmp_path / "t.parquet", columns)
-    table = pq.read_table(tmp_path / "t.parquet")
-    assert [str(field.type) for field in table.schema] == ["int64", "double", "bool"]
-    for name, column in columns.items():
-        assert np.array_equal(table[name].to_numpy(), column, equal_nan=name == "CX")
