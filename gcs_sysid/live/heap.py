@@ -1,4 +1,4 @@
-"""Memory that is free goes back to the system, and threads share what they hold.
+"""Memory that is free goes back to the system.
 
 The C library keeps what a thread has freed for that thread's next use. A learning takes some
 megabytes for seconds, minutes after the one before and in the midst of what the flight keeps, so
@@ -12,22 +12,6 @@ import ctypes
 import logging
 
 _LOG = logging.getLogger(__name__)
-_ARENA_MAX = -8
-"""Of glibc's mallopt: how many areas there are for all threads."""
-_AREAS = 2
-
-
-def share() -> None:
-    """Lets all threads share two areas, where the C library is glibc; before there are threads.
-
-    Each would get one of its own, which keeps what a fit needed once: the process with the filter
-    holds 535 MB instead of 663 after the first fit (`tests/benchmarks/soak_live.py`).
-    """
-    try:
-        ctypes.CDLL("libc.so.6").mallopt(_ARENA_MAX, _AREAS)
-    except (OSError, AttributeError) as error:
-        # Results are the same without it.
-        _LOG.info("threads hold memory of their own: %s", error)
 
 
 def give_back() -> None:

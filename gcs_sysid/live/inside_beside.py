@@ -127,7 +127,6 @@ def _serve(
     there: Connection,
 ) -> None:
     """What the process does until the listener has enough of it, or is killed."""
-    heap.share()
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(PATIENT)

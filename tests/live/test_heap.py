@@ -27,38 +27,6 @@ print(before - resident())
 """
 
 
-SHARED = """
-import ctypes, sys, threading
-from gcs_sysid.live import heap
-
-if sys.argv[1] == "shared":
-    heap.share()
-library = ctypes.CDLL("libc.so.6")
-library.malloc.restype = ctypes.c_void_p
-places, all_at_once = [], threading.Barrier(8)
-
-def take():
-    places.append(library.malloc(1000))
-    all_at_once.wait()  # an area is handed on when its thread ends
-
-threads = [threading.Thread(target=take) for _ in range(8)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-print(len({place >> 26 for place in places}))  # areas are 64 MB each
-"""
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
-def test_threads_share_two_areas() -> None:
-    areas = {
-        how: int(subprocess.check_output([sys.executable, "-c", SHARED, how], timeout=60))
-        for how in ("shared", "alone")
-    }
-    assert areas["shared"] <= 2 < areas["alone"]
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
 def test_what_is_free_goes_back_from_below_what_is_not() -> None:
     done = subprocess.run(
@@ -73,4 +41,3 @@ def test_without_that_library_nothing_changes(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(heap.ctypes, "CDLL", absent)
     heap.give_back()
-    heap.share()
