@@ -277,7 +277,10 @@ def _derivatives(name: str, terms: Mapping[str, Mapping[str, float]]) -> Table:
 def _sortie_lead(summary: Mapping) -> str:
     plan = summary["sortie"]
     if not plan["steps"]:
-        return "no sortie: nothing is left that a maneuver would tell."
+        return (
+            "no sortie: no maneuver would make a stated deviation noticeably smaller; listed are "
+            "those that come nearest."
+        )
     careful = " Small amplitudes first, since the model is poor." if summary["poor_model"] else ""
     legs = plan["steps"][-1]["leg"]
     return (
