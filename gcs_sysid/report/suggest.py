@@ -278,8 +278,8 @@ def _sortie_lead(summary: Mapping) -> str:
     plan = summary["sortie"]
     if not plan["steps"]:
         return (
-            "no sortie: no maneuver would make a stated deviation noticeably smaller; listed are "
-            "those that come nearest."
+            "no sortie: with what stays, no maneuver would make a deviation noticeably smaller; "
+            "listed are those that come nearest."
         )
     careful = " Small amplitudes first, since the model is poor." if summary["poor_model"] else ""
     legs = plan["steps"][-1]["leg"]
