@@ -163,6 +163,26 @@ class Spectrum:
         still = total @ self.density[0].real @ total.T
         return found + step / (count * self.step) * still
 
+    def by_line(
+        self, model: AeroModel, flown: Values, step: float, lines: Int[np.ndarray, " line"]
+    ) -> Float[np.ndarray, "line unknown unknown"]:
+        """What single harmonics of a motion that repeats itself tell, each in one period.
+
+        Args:
+            model: whose terms are asked about, as for `information`.
+            flown: every variable along one period.
+            step: between these samples [s].
+            lines: harmonics.
+        """
+        count = next(iter(flown.values())).size
+        size = sum(len(fit.keys) for fit in model.fits.values()) + self.precision.size
+        waves = np.zeros((lines.size, self.density.shape[-1], size), dtype=complex)
+        for part in self._parts(model, flown):
+            waves[:, part.channel, part.unknowns] += np.fft.rfft(part.columns, axis=0)[lines]
+        density = self._at(lines / (count * step))
+        found = waves.conj().transpose(0, 2, 1) @ density @ waves
+        return 2.0 * step / (count * self.step) * found.real
+
     def _at(
         self, frequency: Float[np.ndarray, " other"]
     ) -> Complex[np.ndarray, "other channel channel"]:

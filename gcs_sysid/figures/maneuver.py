@@ -48,6 +48,14 @@ def maneuver(table: Samples, number: int, entry: Mapping) -> Figure:
     )
 
 
+_KNOWN: dict[str, tuple[str, Role]] = {
+    "before": ("now", "measured"),
+    "after": ("after the sortie", "predicted"),
+    "stays": ("whatever is flown", "reference"),
+}
+"""Curves of a map of what is known, by the document's names."""
+
+
 def confidence(name: str, entry: Mapping, level: float) -> Figure:
     """Deviation over variation of one coefficient along a flow angle, before and after.
 
@@ -58,7 +66,7 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
     """
     along = CHANNELS[entry["along"]][0]
     x = DEGREES * np.asarray(entry["x"], dtype=float)
-    curves = {part: 100.0 * np.asarray(entry[part], dtype=float) for part in ("before", "after")}
+    curves = {part: 100.0 * np.asarray(entry[part], dtype=float) for part in _KNOWN}
     rules = [Rule("y", 100.0 * level, "asked for", "limit")]
     aimed = ("region", entry["asked"]) if entry["asked"] else ("planned", entry.get("planned"))
     for words, pair in (("flown", entry["flown"]), aimed):
@@ -70,15 +78,15 @@ def confidence(name: str, entry: Mapping, level: float) -> Figure:
         name=f"confidence-{name}",
         title=f"How well {name} is known",
         caption="One standard deviation over the coefficient's variation, everything else as in "
-        "level flight. Outside of what was flown it says too little. Marked as well: the region "
+        "level flight. Outside of what was flown it says too little. Mass, inertia, thrust and the "
+        "moments' lag leave unsure what no flight takes away. Marked as well: the region "
         "asked about, or how far the maneuvers planned for it go.",
         x=Axis(along, "deg", (float(x[0]), float(x[-1]))),
         panels=(
             Panel(
                 y=Axis("sd over variation", "%", limits(*curves.values(), around=(0.0,))),
-                series=(
-                    Series("now", x, curves["before"], "measured"),
-                    Series("after the sortie", x, curves["after"], "predicted"),
+                series=tuple(
+                    Series(words, x, curves[part], role) for part, (words, role) in _KNOWN.items()
                 ),
                 rules=tuple(rules),
             ),

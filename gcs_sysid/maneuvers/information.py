@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import linalg
 
 from gcs_sysid import regressors
@@ -157,6 +157,34 @@ def rows(
         count, one = columns.shape[0], root[fit.keys.index(regressors.CONSTANT)]
         still = count * np.outer(mean, mean) / one**2
     return still + (moving.T @ moving) / np.outer(root, root)
+
+
+def by_line(
+    model: AeroModel,
+    values: Values,
+    step: float,
+    heard: Spectrum | None,
+    lines: Int[np.ndarray, " line"],
+) -> Float[np.ndarray, "line unknown unknown"]:
+    """What single harmonics of a motion that repeats itself add to all fits, each in one period.
+
+    Args:
+        model: identified so far.
+        values: every variable of the model along one period.
+        step: between these samples [s].
+        heard: by which the filter tells of coefficients; None where least squares do.
+        lines: harmonics.
+    """
+    if heard is not None:
+        return heard.by_line(model, values, step, lines)
+    placed, size = places(model)
+    found = np.zeros((lines.size, size, size))
+    for name, fit in model.fits.items():
+        columns = basis.columns(fit.keys, model.controls, values)
+        waves = np.fft.rfft(columns / np.sqrt(_variance(fit) * SAMPLE / step), axis=0)[lines]
+        told = 2.0 / columns.shape[0] * (waves.conj()[:, :, None] * waves[:, None, :]).real
+        found[:, placed[name], placed[name]] = told
+    return found
 
 
 def reach(fit: CoefficientFit, controls: Sequence[str], values: Values) -> Reach:

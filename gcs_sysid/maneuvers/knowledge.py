@@ -58,6 +58,12 @@ class Knowledge:
         """What is known once a maneuver was flown at a share of its amplitude."""
         return replace(self, added=self.added.with_more(more, share=share))
 
+    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Of all terms and errors together, by noise and what was known of the errors."""
+        told = self.believed + self.added.information
+        size = np.diagonal(told) ** -0.5
+        return np.linalg.inv(told * np.outer(size, size)) * np.outer(size, size)
+
     def of(self, name: str) -> Added:
         """What was added to one coefficient's fit."""
         own = np.zeros(len(self.believed), dtype=bool)

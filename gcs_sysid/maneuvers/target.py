@@ -80,6 +80,31 @@ class Target:
         """What is asked about as it will be stated, with what no flight changes."""
         return self._forms(model, known, information.covariance)
 
+    def slope(
+        self, model: AeroModel, known: Knowledge
+    ) -> tuple[float, Float[np.ndarray, "unknown unknown"]]:
+        """What is known so far, and how it grows with information, as `worth` counts it.
+
+        Of noise alone: where errors of the regressors pull (least squares), these are left out.
+
+        Args:
+            model: whose fits the questions are about.
+            known: what was added to these fits before.
+
+        Returns:
+            Σ −½ log tr(E Σ), and ½ Σ Σ E Σ/tr(E Σ), by which Σ changes as −Σ dI Σ.
+        """
+        covariance = known.covariance()
+        total, found = 0.0, np.zeros(covariance.shape)
+        for name, forms in self.questions.items():
+            own = known.places[name]
+            columns = covariance[:, own]
+            for form in forms:
+                variance = float(np.sum(form * columns[own]))
+                total -= 0.5 * float(np.log(max(variance, 1e-300)))
+                found += columns @ form @ columns.T / (2.0 * max(variance, 1e-300))
+        return total, found
+
     def _forms(
         self, model: AeroModel, known: Knowledge, of: Callable[[CoefficientFit, Added], np.ndarray]
     ) -> tuple[float, ...]:

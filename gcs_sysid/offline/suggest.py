@@ -17,7 +17,7 @@ from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import innovation_spectrum
 from gcs_sysid.estimate.innovation_spectrum import Sensing
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie
+from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie, tuned
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
@@ -112,7 +112,8 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         target = suggestion_target.chosen(
             model, question.target, question.region, _level(conditions[0])
         )
-    candidates, more = _sized(conditions, target, progress)
+    budget = 60.0 * question.minutes
+    candidates, more = _sized(conditions, target, known, budget, progress)
     refused += more
     if not candidates:
         raise RefusedError(
@@ -126,7 +127,6 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     plan = Sortie((), 0.0, before, before)
     if _wanted(question, unsure):
         progress("proving that they are safe", 0.7)
-        budget = 60.0 * question.minutes
         kept, plan, late = _chosen(target, model, known, candidates, budget, generator)
         refused += late
     names = (*aircraft.control_names, THROTTLE)
@@ -153,6 +153,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "maneuvers": listed,
         "confidence_map": suggestion_map.confidence(
             model,
+            known,
             plan,
             target,
             conditions[0].allowed,
@@ -275,15 +276,34 @@ def _level(at: Condition) -> dict[str, float]:
     return {name: float(value[0]) for name, value in values.items()}
 
 
+def considered(at: Condition, target: Target, known: Knowledge, budget: float) -> Iterator[Recipe]:
+    """Every recipe at a condition: those that all are flown, and what is made for the target.
+
+    Args:
+        at: where they begin.
+        target: what is to be known better.
+        known: what is known so far.
+        budget: flight time that there is [s].
+    """
+    yield from recipes.every(at.place())
+    made = tuned.recipe(at, target, known, budget)
+    if made is not None:
+        yield made
+
+
 def _sized(
-    conditions: Sequence[Condition], target: Target, progress: Progress
+    conditions: Sequence[Condition],
+    target: Target,
+    known: Knowledge,
+    budget: float,
+    progress: Progress,
 ) -> tuple[list[tuple[Maneuver, Condition]], list[Refusal]]:
     """Every recipe that excites what is asked for, as large as it is safe."""
     found, refused = [], []
 
     def jobs() -> Iterator[tuple[Condition, Recipe]]:
         for number, at in enumerate(conditions):
-            for recipe in recipes.every(at.place()):
+            for recipe in considered(at, target, known, budget):
                 if set(recipe.coefficients) & set(target.coefficients):
                     share = number / len(conditions)
                     progress(f"{recipe.kind} at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)

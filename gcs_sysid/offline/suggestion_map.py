@@ -10,7 +10,9 @@ import numpy as np
 from gcs_sysid.aircraft import Envelope
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.result import AeroModel
+from gcs_sysid.maneuvers import information
 from gcs_sysid.maneuvers.information import Covariances
+from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.recipes import ALONG
 from gcs_sysid.maneuvers.sortie import Sortie
 from gcs_sysid.maneuvers.target import Target
@@ -20,6 +22,7 @@ POINTS = 61
 
 def confidence(
     model: AeroModel,
+    known: Knowledge,
     plan: Sortie,
     target: Target,
     allowed: Envelope,
@@ -29,17 +32,23 @@ def confidence(
     """Each coefficient's deviation over its variation, along the flow angle that it hangs on most.
 
     Everything else stays as in level flight. Beyond what has been flown the polynomial's own
-    deviation says too little; `flown` tells where that begins. What is aimed at is `asked`, the
+    deviation says too little; `flown` tells where that begins. `stays` is what of it no flight
+    takes away. What is aimed at is `asked`, the
     region where one is, and `planned`, how far the sortie's maneuvers for the coefficient go.
 
     Args:
         model: identified so far.
+        known: what was added to its fits before the sortie.
         plan: the sortie.
         target: what it is for.
         allowed: the envelope.
         level: every variable in level flight.
         spread: variation of each coefficient.
     """
+    stays = {
+        name: plan.before[name] - information.changeable(fit, known.of(name))
+        for name, fit in model.fits.items()
+    }
     found = {}
     for name in target.coefficients:
         along = "alpha" if name in ALONG else "beta"
@@ -51,6 +60,7 @@ def confidence(
             "x": values[along],
             "before": _deviation(model, name, values, plan.before) / spread[name],
             "after": _deviation(model, name, values, plan.after) / spread[name],
+            "stays": _deviation(model, name, values, stays) / spread[name],
             "flown": _flown(model, name, along),
             "asked": list(target.region[along]) if along in target.region else None,
             "planned": _planned(plan, name, along),

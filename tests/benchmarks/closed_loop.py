@@ -51,7 +51,8 @@ from gcs_sysid.maneuvers import design, flown, information, recipes  # noqa: E40
 from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
 from gcs_sysid.maneuvers.flown import LANES  # noqa: E402
 from gcs_sysid.maneuvers.knowledge import Added, Knowledge  # noqa: E402
-from gcs_sysid.offline import identify, model_store, suggest  # noqa: E402
+from gcs_sysid.maneuvers.target import Target  # noqa: E402
+from gcs_sysid.offline import identify, model_store, suggest, suggestion_target  # noqa: E402
 from gcs_sysid.offline.suggestion_target import Question  # noqa: E402
 from gcs_sysid.sitl import record, scenario  # noqa: E402
 from gcs_sysid.sitl.flight import Flight  # noqa: E402
@@ -93,6 +94,7 @@ class Known(NamedTuple):
         believed: the aircraft as its file has it.
         model: of the first flight.
         conditions: level flights that maneuvers begin in, the middle airspeed first.
+        target: of the suggestion.
         document: the suggestion.
         folder: with everything that was written.
         seed: of the campaign.
@@ -101,6 +103,7 @@ class Known(NamedTuple):
     believed: Aircraft
     model: AeroModel
     conditions: list[Condition]
+    target: Target
     document: dict[str, Any]
     folder: Path
     seed: int
@@ -240,7 +243,17 @@ def _show_rounds(chosen: argparse.Namespace) -> None:
         "suggested_rounds",
         f"Whole sorties, one after the other, until `suggest --confidence {CONFIDENCE}` asks for "
         "nothing; before each, and after the last",
-        ("aircraft", "seed", "flown", "sd over spread", "reachable and sure", "minutes of next"),
+        (
+            "aircraft",
+            "seed",
+            "flown",
+            "by",
+            "error",
+            "sd",
+            "sd over spread",
+            "reachable and sure (but for what no flight changes)",
+            "minutes of next",
+        ),
         rows,
     )
 
@@ -260,7 +273,11 @@ def _rounds(name: str, seed: int, most: int) -> Iterator[dict[str, str]]:
             _identify(logs, folder, model)
             asked = Question(confidence=CONFIDENCE, seed=seed)
             document = suggest.run(model, asked, out=out, progress=_silent)
+            scored = closed_loop_scores.score(model_store.load(model).model, real, None)
             told = {
+                "method": json.loads((model / "summary.json").read_text())["method"]["name"],
+                "error": f"{100.0 * scored['error']:.2f} %",
+                "sd": f"{100.0 * scored['sd']:.2f} %",
                 "unsure": ", ".join(
                     f"{key} {100.0 * one['sd'] / one['spread']:.1f} %"
                     for key, one in document["unsure"].items()
@@ -329,7 +346,8 @@ def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
     conditions, _ = suggest._conditions(
         aircraft, stored.model, sensed, drawn, gust, generator, _silent
     )
-    return Known(believed, stored.model, conditions, document, folder, seed)
+    target = suggestion_target.chosen(stored.model, None, None, {})
+    return Known(believed, stored.model, conditions, target, document, folder, seed)
 
 
 def _real(believed: Aircraft, generator: np.random.Generator) -> Aircraft:
@@ -440,8 +458,9 @@ def _taught(known: Known, entry: dict[str, Any]) -> Added:
 
     A document tells that of a coefficient's own deviations only, and of a sortie as a whole.
     """
+    before = information.nothing(known.model, known.conditions[0].heard)
     for at in known.conditions:
-        for recipe in recipes.every(at.place()):
+        for recipe in suggest.considered(at, known.target, before, 60.0 * MINUTES):
             if f"{recipe.name}_{at.trim.airspeed:.0f}mps" != entry["name"]:
                 continue
             one = design.sized(at, recipe)

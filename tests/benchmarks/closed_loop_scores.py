@@ -91,17 +91,23 @@ def _lag(fit: CoefficientFit) -> np.ndarray:
 def sure(document: dict[str, Any], real: Aircraft, confidence: float) -> str:
     """Share of the reachable part of each coefficient's map that is known to a confidence.
 
-    A flow angle is reachable where it is allowed, and where the lift there is an allowed load
-    factor at the airspeed of the map.
+    Told is the deviation as stated, and in brackets without what no flight takes away. A flow angle
+    is reachable where it is allowed, and where the lift there is an allowed load factor at the
+    airspeed of the map.
     """
     found = []
     for name, item in document["confidence_map"].items():
-        x, known = (np.asarray(item[key], dtype=float) for key in ("x", "before"))
+        x, known, stays = (np.asarray(item[key], dtype=float) for key in ("x", "before", "stays"))
+        reached = np.ones(x.size, dtype=bool)
         if item["along"] == "alpha":
             load = _load_factor(real, document["conditions"][0]["airspeed"], x)
             low, high = envelope(real).load_factor
-            known = known[(load >= low) & (load <= high)]
-        found.append(f"{name} {100.0 * np.mean(known <= confidence):.0f} %")
+            reached = (load >= low) & (load <= high)
+        stated, flying = (
+            100.0 * np.mean(sd[reached] <= confidence)
+            for sd in (known, np.sqrt(np.maximum(known**2 - stays**2, 0.0)))
+        )
+        found.append(f"{name} {stated:.0f} ({flying:.0f}) %")
     return ", ".join(found)
 
 

@@ -12,7 +12,7 @@ from gcs_sysid.estimate.basis import Values
 from gcs_sysid.estimate.suspects import Direction, file_sigmas, named, suspects
 from gcs_sysid.estimate.traces import traces
 from gcs_sysid.maneuvers import information, separation
-from gcs_sysid.maneuvers.knowledge import Knowledge
+from gcs_sysid.maneuvers.knowledge import Added, Knowledge
 from gcs_sysid.maneuvers.separation import Pair
 from gcs_sysid.offline import suggestion_target
 from gcs_sysid.offline.model_store import StoredModel
@@ -83,6 +83,22 @@ def test_what_is_left_is_that_of_a_regression(first: str, second: str) -> None:
     start = information.nothing(model())
     expected = 0.5 * np.log(regressed(more(1), pair) / regressed(start, pair))
     assert asked.worth(model(), start, more(1).added) == pytest.approx(expected)
+
+
+def test_worth_grows_with_information_as_its_slope_says() -> None:
+    """Finite differences of the worth along a row that all coefficients share."""
+    made, known = aircraft(), more(4)
+    first = Pair(moved(made, "mass"), moved(made, "cg_shift"), file_sigmas(made))
+    for pair in (first, Pair(moved(made, "mass"), {}, file_sigmas(made))):
+        asked = separation.separation(model(), "mass or cg_shift", pair)
+        value, slope = asked.slope(model(), known)
+        assert value == pytest.approx(0.5 * np.log(separation.apart(model(), known, pair)))
+        scale = 1e-3 * np.sqrt(np.diagonal(known.believed))
+        row = scale * np.random.default_rng(7).standard_normal(len(known.believed))
+        one = Added(np.outer(row, row), 0.0)
+        grown = asked.worth(model(), known, one)
+        assert np.sum(slope * one.information) == pytest.approx(grown, rel=1e-3)
+        assert grown != 0.0
 
 
 def test_what_is_like_itself_is_told_by_nothing() -> None:

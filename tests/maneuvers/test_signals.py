@@ -47,6 +47,24 @@ def test_phases_keep_the_peak_low_and_the_ends_at_zero(first: int, count: int) -
         assert multisine.relative_peak(value[TIME <= DURATION]) < 1.16
 
 
+def test_phases_keep_the_largest_of_several_outputs_low() -> None:
+    """Each output as it answers: the peak is that of the sums in time, below phases at random."""
+    generator = np.random.default_rng(2)
+    harmonic = np.array([2.0, 5.0, 7.0, 11.0, 18.0])
+    answers = generator.standard_normal((4, 5)) + 1j * generator.standard_normal((4, 5))
+    phases, peak = multisine.phased(harmonic, answers)
+    time = np.arange(4000) / 4000
+
+    def largest(of: np.ndarray) -> float:
+        lines = 2.0 * np.pi * harmonic[:, None] * time + of[:, None]
+        waves = np.abs(answers)[:, :, None] * np.sin(lines + np.angle(answers)[:, :, None])
+        return float(np.abs(waves.sum(axis=1)).max())
+
+    assert largest(phases) == pytest.approx(peak, rel=0.02)
+    drawn = [largest(generator.uniform(-np.pi, np.pi, 5)) for _ in range(200)]
+    assert peak < np.min(drawn)
+
+
 def test_the_peak_factor_of_a_sine_is_one() -> None:
     sine = np.sin(2.0 * np.pi * TIME / 3.0)
     assert multisine.relative_peak(sine) == pytest.approx(1.0, abs=1e-4)

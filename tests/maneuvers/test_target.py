@@ -74,6 +74,25 @@ def test_a_region_asks_where_it_is() -> None:
     assert worth[1][1] > worth[1][0]
 
 
+def test_worth_grows_with_information_as_its_slope_says() -> None:
+    """Finite differences of the worth, for derivatives and for a region."""
+    generator = np.random.default_rng(3)
+    level = {"alpha": 0.05, "qhat": 0.0, "elevator": 0.0}
+    size = len(NOTHING.believed)
+    for asked in (
+        targets.derivatives(model(), ("Cl", "Cm", "Cn")),
+        targets.region(model(), ("Cm",), {"alpha": (0.1, 0.2)}, level),
+    ):
+        rows = generator.standard_normal((30, size)) * np.sqrt(np.diagonal(NOTHING.believed))
+        known = NOTHING.with_more(Added(rows.T @ rows, 30.0))
+        value, slope = asked.slope(model(), known)
+        assert value == pytest.approx(-0.5 * sum(np.log(asked.variances(model(), known))))
+        direction = 1e-4 * np.sqrt(np.diagonal(NOTHING.believed)) * generator.standard_normal(size)
+        more = Added(np.outer(direction, direction), 0.0)
+        grown = asked.worth(model(), known, more)
+        assert np.sum(slope * more.information) == pytest.approx(grown, rel=1e-4)
+
+
 def test_what_the_model_lacks_is_named() -> None:
     with pytest.raises(UsageError, match="no term `beta`"):
         targets.derivative(model(), "Cm", "beta")

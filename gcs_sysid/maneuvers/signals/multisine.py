@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from scipy import optimize
 
 POINTS = 20
@@ -53,12 +53,36 @@ def interleaved(first: int, last: int, count: int) -> tuple[tuple[int, ...], ...
     return tuple(tuple(range(first + index, last + 1, count)) for index in range(count))
 
 
+def phased(
+    harmonic: Float[np.ndarray, " line"], answers: Complex[np.ndarray, "output line"]
+) -> tuple[Float[np.ndarray, " line"], float]:
+    """Phases of lines at which the largest of several outputs stays lowest, and that peak.
+
+    Line k with phase φ adds Im(r e^{i(2π k t + φ)}) to an output that answers it with r.
+
+    Args:
+        harmonic: of one period, each positive.
+        answers: of every output to each line, its amplitude in it.
+    """
+    grid = _grid(harmonic)
+    phases = _optimised(harmonic, answers, grid)
+    angle = 2.0 * np.pi * harmonic[:, None] * grid
+    turned = answers * np.exp(1j * phases)
+    shapes = turned.real @ np.sin(angle) + turned.imag @ np.cos(angle)
+    return phases, float(np.abs(shapes).max())
+
+
+def _grid(harmonic: Float[np.ndarray, " line"]) -> Float[np.ndarray, " point"]:
+    """Instants of one period."""
+    return np.arange(POINTS * int(harmonic.max())) / (POINTS * harmonic.max())
+
+
 @lru_cache(maxsize=256)
 def _designed(lines: tuple[int, ...]) -> tuple[np.ndarray, float, float]:
     """Phases, the share of the period at which the sum rises through zero, and its peak."""
     harmonic = np.array(lines, dtype=float)
-    grid = np.arange(POINTS * int(harmonic.max())) / (POINTS * harmonic.max())
-    phases = _optimised(harmonic, grid)
+    grid = _grid(harmonic)
+    phases = _optimised(harmonic, np.ones((1, harmonic.size), dtype=complex), grid)
     shape = _sum(harmonic, phases, grid)
     # The first rising zero becomes the beginning: a jump would ask more of the servo than is meant.
     rising = np.flatnonzero((shape <= 0.0) & (np.roll(shape, -1) > 0.0))[0]
@@ -71,7 +95,9 @@ def _designed(lines: tuple[int, ...]) -> tuple[np.ndarray, float, float]:
 
 
 def _optimised(
-    harmonic: Float[np.ndarray, " line"], grid: Float[np.ndarray, " point"]
+    harmonic: Float[np.ndarray, " line"],
+    answers: Complex[np.ndarray, "output line"],
+    grid: Float[np.ndarray, " point"],
 ) -> Float[np.ndarray, " line"]:
     count = harmonic.size
     generator = np.random.default_rng(count)
@@ -81,27 +107,31 @@ def _optimised(
     # sin(a + φ) = cos φ sin a + sin φ cos a: products with what stays cost less than the sines.
     across, along = np.sin(angle), np.cos(angle)
 
+    def shapes(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turned = answers * np.exp(1j * phases)
+        return turned, turned.real @ across + turned.imag @ along
+
     def size(phases: np.ndarray, norm: int) -> tuple[float, np.ndarray]:
-        cosine, sine = np.cos(phases), np.sin(phases)
-        shape = cosine @ across + sine @ along
+        turned, shape = shapes(phases)
         peak = np.abs(shape).max()
         powers = np.abs(shape / peak) ** (norm - 1)
         mean = np.mean(powers * np.abs(shape / peak))
         # The norm itself, not its power: of the order of the peak whatever the exponent.
         value = peak * mean ** (1.0 / norm)
         slope = mean ** (1.0 / norm - 1.0) * powers * np.sign(shape)
-        turned = cosine * (along @ slope) - sine * (across @ slope)
-        return float(value), turned / grid.size
+        each = turned.real * (slope @ along.T) - turned.imag * (slope @ across.T)
+        return float(value), each.sum(axis=0) / shape.size
 
+    sine = float(np.sqrt(np.sum(np.abs(answers) ** 2, axis=1).max()))
     best, lowest = starts[0], np.inf
     for start in starts:
         phases = start
         for norm in NORMS:
             phases = optimize.minimize(size, phases, (norm,), jac=True, method="L-BFGS-B").x
-        peak = float(np.abs(_sum(harmonic, phases, grid)).max())
+        peak = float(np.abs(shapes(phases)[1]).max())
         if peak < lowest:
             best, lowest = phases, peak
-        if lowest <= ENOUGH * np.sqrt(count):
+        if lowest <= ENOUGH * sine:
             break
     return best
 
