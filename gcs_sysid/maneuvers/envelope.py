@@ -130,10 +130,8 @@ def largest_inside(
     """
 
     def inside(share: float) -> bool:
-        between = Flown(
-            *(one + share * (other - one) for one, other in zip(still, moved, strict=True))
-        )
-        return not any(which.any() for which in broken(between, allowed, aircraft).values())
+        found = broken(_between(still, moved, share), allowed, aircraft)
+        return not any(which.any() for which in found.values())
 
     # A larger share goes further everywhere: bisection finds the last that stays inside.
     low, high = -1, shares.size
@@ -141,3 +139,23 @@ def largest_inside(
         middle = (low + high) // 2
         low, high = (middle, high) if inside(float(shares[middle])) else (low, middle)
     return float(shares[low]) if low >= 0 else 0.0
+
+
+def each_inside(
+    still: Flown, moved: Flown, allowed: Envelope, aircraft: Aircraft, shares: np.ndarray
+) -> dict[str, float]:
+    """The largest of these shares at which all flights keep each limit; the first where none do.
+
+    The arguments are those of `largest_inside`.
+    """
+    found: dict[str, float] = {}
+    for share in shares[::-1]:
+        for name, which in broken(_between(still, moved, share), allowed, aircraft).items():
+            if not which.any():
+                found.setdefault(name, float(share))
+    return {name: found.get(name, float(shares[0])) for name in broken(still, allowed, aircraft)}
+
+
+def _between(still: Flown, moved: Flown, share: float) -> Flown:
+    """Flights without an input and with all of it, interpolated."""
+    return Flown(*(one + share * (other - one) for one, other in zip(still, moved, strict=True)))

@@ -10,11 +10,14 @@ the mean over aircraft drawn from what is believed (input design in the frequenc
 IEEE Trans. Automatic Control 19 (1974) 753; Goodwin & Payne, *Dynamic System Identification*, 1977,
 chapter 6). Phases are free: they are those at which the largest of all limited quantities together
 stays lowest, where those of an ordinary multisine keep the input low, which is not what limits it.
-How large all of it may be is tried afterwards, as for any recipe (`design`).
+Of large motions small ones tell too little: a first design is flown by all aircraft in gusts, the
+room of each limit that it breaks is made smaller, and the design is made anew, for the better of
+both. How large all of it may be is tried afterwards, as for any recipe (`design`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +44,8 @@ NORM = 16
 """The p-norm that stands for the largest mean square while powers are chosen."""
 LEAST = 0.01
 """Lines that bring less than this part of what all bring are left out."""
+TRIED = np.geomspace(0.3, 1.0, 12)
+"""Shares of a first design at which each limit is looked at, to correct the room that it has."""
 RAMP = 0.6
 """Time in which it fades in and out [s]."""
 
@@ -52,7 +57,7 @@ class Lines(NamedTuple):
         inputs: that each line is on.
         harmonics: of 1/`PERIOD`.
         told: what each adds to what is known, in one period, for some drawn aircraft.
-        answers: of each limited quantity, over the room that it has, for the same aircraft.
+        answers: of each limited quantity for the same aircraft, in the order of `_room`.
     """
 
     inputs: tuple[str, ...]
@@ -70,24 +75,54 @@ def recipe(at: Condition, target: Target, known: Knowledge, budget: float) -> Re
         known: what is known so far.
         budget: flight time that there is [s].
     """
-    lines = probed(at)
-    powers = best(lines, target, at, known, max(budget / (PERIOD + AFTER + AROUND), 1.0))
+    lines, room, runs = probed(at), _room(at), max(budget / (PERIOD + AFTER + AROUND), 1.0)
+    first = designed(at, _over(lines, room), target, known, runs)
+    if first is None:
+        return None
+    allowed = inside(at, first.recipe)
+    corrected = {**room, **{name: share * room[name] for name, share in allowed.items()}}
+    again = designed(at, _over(lines, corrected), target, known, runs)
+    if again is None:
+        return first.recipe
+
+    def worth(design: Design, share: float) -> float:
+        return _worth(lines, target, at, known, runs, share**2 * design.powers)[0]
+
+    # Phases are not a concave problem: what is made anew can also be worse.
+    smaller = min(inside(at, again.recipe).values())
+    if worth(again, smaller) > worth(first, min(allowed.values())):
+        return again.recipe
+    return first.recipe
+
+
+class Design(NamedTuple):
+    """A recipe, and the powers of all lines at its full size."""
+
+    recipe: Recipe
+    powers: Float[np.ndarray, " line"]
+
+
+def designed(
+    at: Condition, lines: Lines, target: Target, known: Knowledge, runs: float
+) -> Design | None:
+    """The best lines as one input, so large that in small motions a limit is just reached."""
+    powers = best(lines, target, at, known, runs)
     kept = np.flatnonzero(powers)
     if kept.size == 0:
         return None
-    harmonics, sizes_ = lines.harmonics[kept], np.sqrt(powers[kept])
-    phases, peak = multisine.phased(harmonics.astype(float), lines.answers[0][:, kept] * sizes_)
+    harmonics, amplitudes = lines.harmonics[kept], np.sqrt(powers[kept])
+    phases, peak = multisine.phased(harmonics.astype(float), lines.answers[0][:, kept] * amplitudes)
     names = at.place().names
     time = STEP * np.arange(round(PERIOD / STEP) + 1)
     added = np.zeros((time.size, len(names)))
-    for line, harmonic, size, phase in zip(kept, harmonics, sizes_, phases, strict=True):
+    for line, harmonic, amplitude, phase in zip(kept, harmonics, amplitudes, phases, strict=True):
         wave = np.sin(2.0 * np.pi * harmonic * time / PERIOD + phase)
-        added[:, names.index(lines.inputs[line])] += size / peak * wave
+        added[:, names.index(lines.inputs[line])] += amplitude / peak * wave
     added *= smooth.plateau(PERIOD, RAMP, time)[:, None]
     moved = tuple(name for name in _inputs(at) if any(lines.inputs[line] == name for line in kept))
     lateral = bool(set(moved) & set(at.axes.lateral))
     along = bool(set(moved) - set(at.axes.lateral))
-    return Recipe(
+    recipe = Recipe(
         NAME,
         "multisine",
         (*(ALONG if along else ()), *(ACROSS if lateral else ())),
@@ -97,6 +132,15 @@ def recipe(at: Condition, target: Target, known: Knowledge, budget: float) -> Re
         f"sines from {harmonics.min() / PERIOD:.1f} to {harmonics.max() / PERIOD:.1f} Hz on "
         f"{' and '.join(moved)}, as strong as they tell, by script",
     )
+    return Design(recipe, powers / peak**2)
+
+
+def inside(at: Condition, recipe: Recipe) -> dict[str, float]:
+    """How much of it each limit allows by itself, flown at full size by all aircraft in gusts."""
+    moved = at.fly(at.fleet, recipe, 1.0, at.air)
+    still = Flown(*(values[:, : moved.alpha.shape[1]] for values in at.still))
+    found = envelope.each_inside(still, moved, at.allowed, at.aircraft, TRIED)
+    return {name: share for name, share in found.items() if name != "height"}
 
 
 def _inputs(at: Condition) -> tuple[str, ...]:
@@ -106,7 +150,7 @@ def _inputs(at: Condition) -> tuple[str, ...]:
 def probed(at: Condition) -> Lines:
     """Every line of every input, from flights of all lines of one input each in calm air."""
     place, count = at.place(), round(PERIOD / STEP)
-    time, room = STEP * np.arange(count), _room(at)
+    time = STEP * np.arange(count)
     inputs, harmonics, told, answers = [], [], [], []
     for name in _inputs(at):
         lines = np.arange(SLOWEST, max(int(place.last(name) * PERIOD), SLOWEST) + 1)
@@ -134,9 +178,7 @@ def probed(at: Condition) -> Lines:
         ]
         told.append(np.stack(each) / np.abs(unit[:, None, None]) ** 2)
         seen = {**_limited(at, last), **_asked(at, name, sent)}
-        answers.append(
-            np.stack([_waves(seen[key], lines) / unit / room[key] for key in room], axis=1)
-        )
+        answers.append(np.stack([_waves(values, lines) / unit for values in seen.values()], axis=1))
         inputs += [name] * lines.size
         harmonics.append(lines)
     return Lines(
@@ -145,6 +187,11 @@ def probed(at: Condition) -> Lines:
         np.concatenate(told, axis=1),
         np.concatenate(answers, axis=2),
     )
+
+
+def _over(lines: Lines, room: Mapping[str, float]) -> Lines:
+    """With answers over the room that each limited quantity has."""
+    return lines._replace(answers=lines.answers / np.array(list(room.values()))[:, None])
 
 
 def _waves(
@@ -199,7 +246,7 @@ def best(
     """Powers of the lines, see the module; zero for those that bring next to nothing.
 
     Args:
-        lines: to choose from.
+        lines: to choose from, answers over their room.
         target: what is to be known better.
         at: the condition.
         known: what is known so far.
@@ -214,13 +261,7 @@ def best(
         return raw / most, raw, used, most
 
     def worth(power: np.ndarray) -> tuple[float, np.ndarray]:
-        total, slope = 0.0, np.zeros(power.size)
-        for told in lines.told:
-            more = Added(runs * np.einsum("l,lij->ij", power, told), 0.0)
-            value, grown = target.slope(at.model, known.with_more(more))
-            total += value
-            slope += runs * np.einsum("ij,lij->l", grown, told)
-        return total / len(lines.told), slope / len(lines.told)
+        return _worth(lines, target, at, known, runs, power)
 
     def cost(logarithms: np.ndarray) -> tuple[float, np.ndarray]:
         power, raw, used, most = powers(logarithms)
@@ -234,3 +275,21 @@ def best(
     power = powers(found)[0]
     brought = worth(power)[1] * power
     return np.where(brought > LEAST * brought.sum(), power, 0.0)
+
+
+def _worth(
+    lines: Lines,
+    target: Target,
+    at: Condition,
+    known: Knowledge,
+    runs: float,
+    power: Float[np.ndarray, " line"],
+) -> tuple[float, Float[np.ndarray, " line"]]:
+    """What is known once lines of these powers were flown, but for a constant, and its slope."""
+    total, slope = 0.0, np.zeros(power.size)
+    for told in lines.told:
+        more = Added(runs * np.einsum("l,lij->ij", power, told), 0.0)
+        value, grown = target.slope(at.model, known.with_more(more))
+        total += value
+        slope += runs * np.einsum("ij,lij->l", grown, told)
+    return total / len(lines.told), slope / len(lines.told)

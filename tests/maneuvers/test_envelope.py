@@ -96,3 +96,9 @@ def test_the_largest_share_inside_is_interpolated() -> None:
     assert envelope.largest_inside(still, still, ALLOWED, small(), shares) == 1.0
     beyond = changed(level(), "alpha", 0.3)
     assert envelope.largest_inside(beyond, beyond, ALLOWED, small(), shares) == 0.0
+    each = envelope.each_inside(still, moved, ALLOWED, small(), shares)
+    assert each.pop("alpha") == pytest.approx(found)
+    assert set(each.values()) == {1.0}
+    assert (
+        envelope.each_inside(beyond, beyond, ALLOWED, small(), shares[50:])["alpha"] == shares[50]
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,12 @@ def at(request: pytest.FixtureRequest) -> Condition:
 
 @pytest.fixture(scope="module")
 def lines(at: Condition) -> Lines:
-    return tuned.probed(at)
+    return tuned._over(tuned.probed(at), tuned._room(at))
+
+
+@pytest.fixture(scope="module")
+def recipe(at: Condition) -> Recipe:
+    return made(at, targets.derivatives(model(), ALL))
 
 
 def made(at: Condition, target: Target) -> Recipe:
@@ -44,14 +51,14 @@ def made(at: Condition, target: Target) -> Recipe:
     return found
 
 
-def test_it_is_worth_more_than_any_ordinary_multisine(at: Condition) -> None:
+def test_it_is_worth_more_than_any_ordinary_multisine(at: Condition, recipe: Recipe) -> None:
     """Each as large as is safe, all aircraft in the same gusts."""
     target, start = targets.derivatives(model(), ALL), information.nothing(model(), at.heard)
 
-    def worth(recipe: Recipe) -> float:
-        one = design.sized(at, recipe)
-        assert isinstance(one, Maneuver), recipe.name
-        return target.worth(model(), start, one.taught)
+    def worth(one: Recipe) -> float:
+        flight = design.sized(at, one)
+        assert isinstance(flight, Maneuver), one.name
+        return target.worth(model(), start, flight.taught)
 
     ordinary = [
         one
@@ -59,11 +66,12 @@ def test_it_is_worth_more_than_any_ordinary_multisine(at: Condition) -> None:
         if one.kind == "multisine" and one.duration == recipes.PERIOD
     ]
     assert len(ordinary) >= 5
-    assert worth(made(at, target)) > 1.05 * max(worth(one) for one in ordinary)
+    assert worth(recipe) > 1.05 * max(worth(one) for one in ordinary)
 
 
-def test_it_begins_and_ends_at_rest_within_what_inputs_may_use(at: Condition) -> None:
-    recipe = made(at, targets.derivatives(model(), ALL))
+def test_it_begins_and_ends_at_rest_within_what_inputs_may_use(
+    at: Condition, recipe: Recipe
+) -> None:
     np.testing.assert_allclose(recipe.added[[0, -1]], 0.0, atol=1e-12)
     assert recipe.duration + design.AFTER <= design.LONGEST
     for name, column in zip(at.place().names, recipe.added.T, strict=True):
@@ -73,25 +81,55 @@ def test_it_begins_and_ends_at_rest_within_what_inputs_may_use(at: Condition) ->
         assert (np.abs(column).max() > 0.0) == (name in recipe.moved)
 
 
-def test_limits_are_used_as_far_as_the_linear_answers_say(at: Condition, lines: Lines) -> None:
-    """Flown small by the mean aircraft in calm air: the largest share of a limit is the peak."""
-    recipe, share = made(at, targets.derivatives(model(), ALL)), 0.05
-    air = np.zeros((LANES, LEAD + recipe.added.shape[0], 6))
-    path = at.simulator.fly(at.fleet, at.linear, at.trim.density, share * recipe.added, air)
-    used = {}
+def used(at: Condition, flight: Flown, share: float) -> dict[str, float]:
+    """Of the room of each limit, by the mean aircraft of a flight at a share of full size."""
+    found = {}
     for name, limit in envelope.limits(at.allowed).items():
         if name == "height":
             continue
-        still, values = getattr(at.still, name), getattr(path, name)[0]
+        still, values = getattr(at.still, name), getattr(flight, name)[0]
         low, high = limit.low + limit.room, limit.high - limit.room
         room = min((high - still).min(), (still - low).min())
-        used[name] = np.abs(values - values[0]).max() / (share * room)
+        found[name] = float(np.abs(values - values[0]).max() / (share * room))
+    return found
+
+
+def test_a_first_design_uses_limits_as_far_as_linear_answers_say(
+    at: Condition, lines: Lines
+) -> None:
+    """Flown small by the mean aircraft in calm air: the largest share of a limit is the peak."""
+    target, start = targets.derivatives(model(), ALL), information.nothing(model(), at.heard)
+    first, share = tuned.designed(at, lines, target, start, 3.0), 0.05
+    assert first is not None
+    recipe = first.recipe
+    air = np.zeros((LANES, LEAD + recipe.added.shape[0], 6))
+    path = at.simulator.fly(at.fleet, at.linear, at.trim.density, share * recipe.added, air)
     inputs = [
         np.abs(recipe.added[:, place]).max() / (sizes.TRAVEL * axes.travel(at.aircraft, name))
         for place, name in enumerate(at.aircraft.control_names)
     ]
     # The fading in and the first answers are not those of the settled motion.
-    assert max(*used.values(), *inputs) == pytest.approx(1.0, abs=0.2)
+    assert max(*used(at, path, share).values(), *inputs) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_limit_that_large_motions_break_gets_less_room(at: Condition) -> None:
+    """What each limit allows by itself, and a design that is at least as good as the first."""
+    target, start = targets.derivatives(model(), ALL), information.nothing(model(), at.heard)
+    tight = replace(at, allowed=replace(at.allowed, load_factor=(0.4, 1.6)))
+    over = tuned._over(tuned.probed(tight), tuned._room(tight))
+    first = tuned.designed(tight, over, target, start, BUDGET / 33.0)
+    assert first is not None
+    allowed = tuned.inside(tight, first.recipe)
+    assert allowed["load_factor"] < 1.0
+    assert allowed["airspeed"] == 1.0
+
+    def worth(recipe: Recipe) -> float:
+        one = design.sized(tight, recipe)
+        assert isinstance(one, Maneuver)
+        return target.worth(model(), start, one.taught)
+
+    # Shares are of a grid of 6 %, and lines add up in small motions only.
+    assert worth(made(tight, target)) > 0.97 * worth(first.recipe)
 
 
 def test_a_question_about_pitch_leaves_the_rudder_alone(at: Condition) -> None:
