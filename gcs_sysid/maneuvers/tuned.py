@@ -17,7 +17,7 @@ both. How large all of it may be is tried afterwards, as for any recipe (`design
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -65,17 +65,30 @@ class Lines(NamedTuple):
     told: Float[np.ndarray, "draw line unknown unknown"]
     answers: Complex[np.ndarray, "draw limit line"]
 
+    def on(self, inputs: Collection[str]) -> Lines:
+        """Those on some inputs alone."""
+        kept = np.flatnonzero([name in inputs for name in self.inputs])
+        return Lines(
+            tuple(self.inputs[line] for line in kept),
+            self.harmonics[kept],
+            self.told[:, kept],
+            self.answers[:, :, kept],
+        )
 
-def recipe(at: Condition, target: Target, known: Knowledge, budget: float) -> Recipe | None:
+
+def recipe(
+    at: Condition, lines: Lines, target: Target, known: Knowledge, budget: float
+) -> Recipe | None:
     """The multisine for a target at one condition; None where no input tells anything of it.
 
     Args:
         at: where it begins.
+        lines: that may be flown there, `probed`.
         target: what is to be known better.
         known: what is known so far.
         budget: flight time that there is [s].
     """
-    lines, room, runs = probed(at), _room(at), max(budget / (PERIOD + AFTER + AROUND), 1.0)
+    room, runs = _room(at), max(budget / (PERIOD + AFTER + AROUND), 1.0)
     first = designed(at, _over(lines, room), target, known, runs)
     if first is None:
         return None

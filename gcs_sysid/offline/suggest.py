@@ -286,7 +286,7 @@ def considered(at: Condition, target: Target, known: Knowledge, budget: float) -
         budget: flight time that there is [s].
     """
     yield from recipes.every(at.place())
-    made = tuned.recipe(at, target, known, budget)
+    made = tuned.recipe(at, tuned.probed(at), target, known, budget)
     if made is not None:
         yield made
 

@@ -29,7 +29,15 @@ import aeroid  # noqa: E402
 import numpy as np  # noqa: E402
 
 from gcs_sysid.aircraft import Aircraft  # noqa: E402
-from gcs_sysid.maneuvers import design, flown, information, recipes, sortie, target  # noqa: E402
+from gcs_sysid.maneuvers import (  # noqa: E402
+    design,
+    flown,
+    information,
+    recipes,
+    sortie,
+    target,
+    tuned,
+)
 from gcs_sysid.maneuvers.design import Maneuver  # noqa: E402
 from gcs_sysid.maneuvers.flown import LANES, Simulator  # noqa: E402
 from gcs_sysid.maneuvers.recipes import SAMPLED  # noqa: E402
@@ -120,13 +128,12 @@ def ours(stored: StoredModel, aircraft: Aircraft, airspeed: float, elevator: str
         generator=generator,
     )
     asked = target.derivatives(stored.model, ("Cm",))
-    tried = [
-        design.sized(at, recipe)
-        for recipe in recipes.every(at.place())
-        if recipe.moved == (elevator,)
-    ]
+    start = information.nothing(stored.model)
+    made = tuned.recipe(at, tuned.probed(at).on((elevator,)), asked, start, SECONDS)
+    ready = [one for one in recipes.every(at.place()) if one.moved == (elevator,)]
+    tried = [design.sized(at, one) for one in (*ready, made) if one is not None]
     safe = [one for one in tried if isinstance(one, Maneuver)]
-    ranked = sortie.ranked(asked, stored.model, information.nothing(stored.model), safe)
+    ranked = sortie.ranked(asked, stored.model, start, safe)
     seconds = clock.process_time() - begun
     column = at.place().names.index(elevator)
     return [Designed(one.recipe.name, one.added[:, column], seconds) for _, one in ranked]

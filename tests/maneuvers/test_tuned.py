@@ -46,7 +46,8 @@ def recipe(at: Condition) -> Recipe:
 
 
 def made(at: Condition, target: Target) -> Recipe:
-    found = tuned.recipe(at, target, information.nothing(model(), at.heard), BUDGET)
+    start = information.nothing(model(), at.heard)
+    found = tuned.recipe(at, tuned.probed(at), target, start, BUDGET)
     assert found is not None
     return found
 
@@ -137,6 +138,18 @@ def test_a_question_about_pitch_leaves_the_rudder_alone(at: Condition) -> None:
     assert "elevator" in recipe.moved
     assert "rudder" not in recipe.moved
     assert "Cm" in recipe.coefficients
+
+
+def test_it_moves_nothing_but_what_it_may(at: Condition, lines: Lines) -> None:
+    target, start = targets.derivatives(model(), ALL), information.nothing(model(), at.heard)
+    found = tuned.recipe(at, tuned.probed(at).on(("elevator",)), target, start, BUDGET)
+    assert found is not None
+    assert found.moved == ("elevator",)
+    assert set(lines.on(("elevator",)).inputs) == {"elevator"}
+    assert (
+        tuned.recipe(at, lines.on(("elevator",)), targets.derivatives(model(), ()), start, BUDGET)
+        is None
+    )
 
 
 def test_no_powers_nearby_are_worth_more(at: Condition, lines: Lines) -> None:
