@@ -210,7 +210,7 @@ def _multisines(
             inputs,
             PERIOD,
             _multisine(at, inputs, lowest=lowest),
-            f"sines from {lowest:.1f} to {fastest:.1f} Hz on {_words(inputs)} at once, by script",
+            f"sines from {lowest:.1f} to {fastest:.1f} Hz on {in_words(inputs)} at once, by script",
         )
 
 
@@ -225,7 +225,7 @@ def _together(at: Place) -> Iterator[Recipe]:
                 inputs,
                 PERIOD,
                 _multisine(at, inputs, lowest=SLOW),
-                f"sines on {_words(inputs)} at once, each on frequencies of its own, by script",
+                f"sines on {in_words(inputs)} at once, each on frequencies of its own, by script",
             )
 
 
@@ -251,7 +251,7 @@ def _pulses(at: Place, inputs: tuple[str, ...], coefficients: tuple[str, ...]) -
             inputs,
             duration,
             at.sized(at.columns(duration, shapes)),
-            f"{label} on {_words(inputs, ', then ')}; can be flown by hand",
+            f"{label} on {in_words(inputs, ', then ')}; can be flown by hand",
         )
 
 
@@ -418,5 +418,6 @@ def _glide(at: Place, pitch: str, shut: Float[np.ndarray, " sample"], duration: 
     )
 
 
-def _words(names: tuple[str, ...], joint: str = ", ") -> str:
+def in_words(names: tuple[str, ...], joint: str = ", ") -> str:
+    """Inputs as people list them."""
     return names[0] if len(names) == 1 else joint.join(names[:-1]) + " and " + names[-1]

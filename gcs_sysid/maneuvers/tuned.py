@@ -29,7 +29,7 @@ from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import AFTER, AROUND, CALM, Condition
 from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Flown
 from gcs_sysid.maneuvers.knowledge import Added, Knowledge
-from gcs_sysid.maneuvers.recipes import ACROSS, ALONG, PERIOD, Recipe
+from gcs_sysid.maneuvers.recipes import ACROSS, ALONG, PERIOD, Recipe, in_words
 from gcs_sysid.maneuvers.signals import multisine, smooth
 from gcs_sysid.maneuvers.target import Target
 
@@ -143,7 +143,7 @@ def designed(
         PERIOD,
         added,
         f"sines from {harmonics.min() / PERIOD:.1f} to {harmonics.max() / PERIOD:.1f} Hz on "
-        f"{' and '.join(moved)}, as strong as they tell, by script",
+        f"{in_words(moved)}, as strong as they tell, by script",
     )
     return Design(recipe, powers / peak**2)
 
