@@ -234,12 +234,10 @@ def _exchanged(
         for place in range(len(found)):
             rest = [*found[:place], *found[place + 1 :]]
             fitting = [item for item in maneuvers if _time(asked, [*rest, item]) <= budget]
-            if not fitting:
-                continue
             values = [_told(asked, [*rest, item]) for item in fitting]
-            best = int(np.argmax(values))
-            if values[best] - told < LEAST_WORTH:
+            if max(values, default=told) - told < LEAST_WORTH:
                 continue
+            best = int(np.argmax(values))
             other = [*rest, fitting[best]]
             if (each := _told_each(asked, other)) > worth:
                 found, told, worth = other, values[best], each
@@ -250,22 +248,25 @@ def _exchanged(
 
 def _told(asked: _Question, chosen: Sequence[Maneuver]) -> float:
     """What all tell together, but for a constant, by the mean of what they teach."""
-    variances = asked.target.variances(asked.model, _known(asked, chosen))
-    return -0.5 * float(np.sum(np.log(np.maximum(variances, 1e-300))))
+    return _certainty(asked, _known(asked, chosen))
 
 
 def _told_each(asked: _Question, chosen: Sequence[Maneuver]) -> float:
     """The same, the mean over the aircraft drawn."""
-    if not chosen:
-        return _told(asked, chosen)
+    runs = _runs(asked, chosen)
     each = []
-    for draw in range(len(chosen[0].each)):
+    for draw in range(min((len(item.each) for item in chosen), default=0)):
         known = asked.start
-        for item, share in _runs(asked, chosen):
+        for item, share in runs:
             known = known.with_more(item.each[draw], share=share)
-        variances = asked.target.variances(asked.model, known)
-        each.append(-0.5 * float(np.sum(np.log(np.maximum(variances, 1e-300)))))
-    return float(np.mean(each))
+        each.append(_certainty(asked, known))
+    return float(np.mean(each)) if each else _told(asked, chosen)
+
+
+def _certainty(asked: _Question, known: Knowledge) -> float:
+    """Minus the sum of logarithms of the deviations asked about."""
+    variances = asked.target.variances(asked.model, known)
+    return -0.5 * float(np.sum(np.log(np.maximum(variances, 1e-300))))
 
 
 def _ordered(asked: _Question, chosen: Sequence[Maneuver]) -> list[Maneuver]:
