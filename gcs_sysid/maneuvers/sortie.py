@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -25,8 +25,6 @@ and inertia leave unsure apart: how an aircraft answers is known whatever they a
 LEAST_WORTH = 0.01
 """A maneuver is left out that would make no stated deviation smaller by this part, and a sortie
 ends where all are: what is left are errors of mass and inertia, which no maneuver takes away."""
-SWEEPS = 3
-"""Times that every run of a sortie is looked at for a better one in its place, at most."""
 
 
 @dataclass(frozen=True)
@@ -130,15 +128,13 @@ def planned(
     *,
     budget: float,
 ) -> Sortie:
-    """The maneuvers that tell most in a flight time, in order of what each is worth for its own.
-
-    First one after the other, each the one that is worth most for its time then: a sum of
-    logarithms of variances gains less and less from the same information, so that this is never
-    far from the best set (Nemhauser, Wolsey & Fisher 1978). It fills the time badly, since it
-    begins with what is short; so single runs are exchanged then as long as all together tell more.
+    """One maneuver after the other, each the one that is worth most for its time then.
 
     Worth is the mean over aircraft drawn from the posterior; what was flown before counts with the
     mean of what it teaches.
+
+    A sum of logarithms of variances gains less and less from the same information, so that this
+    order is near the best set of maneuvers for the time (Nemhauser, Wolsey & Fisher 1978).
 
     Args:
         target: what is to be known better.
@@ -147,136 +143,27 @@ def planned(
         maneuvers: to choose from.
         budget: flight time [s].
     """
-    question = _Question(target, model, start, CAREFUL if poor(model) else ())
-    chosen, full = _greedy(question, maneuvers, [], budget)
-    longest = budget if full else _time(question, chosen)
-    better = _exchanged(question, maneuvers, chosen, longest)
-    chosen, _ = _greedy(question, maneuvers, better, longest)
-    steps, known, used = [], start, 0.0
-    for item, share in _runs(question, _ordered(question, chosen)):
-        worth = robust_worth(target, model, known, item, share=share)
-        steps.append(_step(item, share, len(steps), used, worth))
-        used += cost(item)
-        known = known.with_more(item.taught, share=share)
-    return Sortie(tuple(steps), used, covariances(model, start), covariances(model, known))
-
-
-class _Question(NamedTuple):
-    """What a sortie is for, what is known before it, and shares of careful first runs."""
-
-    target: Target
-    model: AeroModel
-    start: Knowledge
-    careful: tuple[float, ...]
-
-
-def _runs(asked: _Question, chosen: Sequence[Maneuver]) -> list[tuple[Maneuver, float]]:
-    """All runs with their shares of full size: careful ones before the first of each maneuver."""
-    found: list[tuple[Maneuver, float]] = []
-    for place, item in enumerate(chosen):
-        first = not any(other is item for other in chosen[:place])
-        found += [(item, share) for share in (*(asked.careful if first else ()), 1.0)]
-    return found
-
-
-def _time(asked: _Question, chosen: Sequence[Maneuver]) -> float:
-    """In the air [s]."""
-    return float(sum(cost(item) for item, _ in _runs(asked, chosen)))
-
-
-def _known(asked: _Question, chosen: Sequence[Maneuver]) -> Knowledge:
-    """What is known once they were flown."""
-    known = asked.start
-    for item, share in _runs(asked, chosen):
-        known = known.with_more(item.taught, share=share)
-    return known
-
-
-def _greedy(
-    asked: _Question, maneuvers: Sequence[Maneuver], begun: Sequence[Maneuver], budget: float
-) -> tuple[list[Maneuver], bool]:
-    """What is flown already and then what is worth most for its time, one after the other.
-
-    Returns:
-        Maneuvers, and whether time ends it, not want of anything worth flying.
-    """
-    target, model = asked.target, asked.model
-    chosen = list(begun)
-    while True:
-        known = _known(asked, chosen)
+    known, steps, used = start, [], 0.0
+    careful = CAREFUL if poor(model) else ()
+    while maneuvers:
         stated = target.stated(model, known)
-        worthy = [
+        left = [
             item
             for item in maneuvers
-            if target.stated_worth(model, known, item.taught, before=stated) >= LEAST_WORTH
+            if used + _cost(item, steps, careful) <= budget
+            and target.stated_worth(model, known, item.taught, before=stated) >= LEAST_WORTH
         ]
-        left = [item for item in worthy if _time(asked, [*chosen, item]) <= budget]
         if not left:
-            return chosen, bool(worthy)
-        chosen.append(_best(target, model, known, left))
-
-
-def _exchanged(
-    asked: _Question,
-    maneuvers: Sequence[Maneuver],
-    chosen: Sequence[Maneuver],
-    budget: float,
-) -> list[Maneuver]:
-    """Single runs exchanged for others as long as the aircraft drawn learn more of all together.
-
-    What takes part is found by the mean of what aircraft learn, and kept if that is so for their
-    mean worth too: logarithms make what teaches little to some of them worth less.
-    """
-    found = list(chosen)
-    told, worth = _told(asked, found), _told_each(asked, found)
-    for _ in range(SWEEPS):
-        before = told
-        for place in range(len(found)):
-            rest = [*found[:place], *found[place + 1 :]]
-            fitting = [item for item in maneuvers if _time(asked, [*rest, item]) <= budget]
-            values = [_told(asked, [*rest, item]) for item in fitting]
-            if max(values, default=told) - told < LEAST_WORTH:
-                continue
-            best = int(np.argmax(values))
-            other = [*rest, fitting[best]]
-            if (each := _told_each(asked, other)) > worth:
-                found, told, worth = other, values[best], each
-        if told - before < LEAST_WORTH:
             break
-    return found
-
-
-def _told(asked: _Question, chosen: Sequence[Maneuver]) -> float:
-    """What all tell together, but for a constant, by the mean of what they teach."""
-    return _certainty(asked, _known(asked, chosen))
-
-
-def _told_each(asked: _Question, chosen: Sequence[Maneuver]) -> float:
-    """The same, the mean over the aircraft drawn."""
-    runs = _runs(asked, chosen)
-    each = []
-    for draw in range(min((len(item.each) for item in chosen), default=0)):
-        known = asked.start
-        for item, share in runs:
-            known = known.with_more(item.each[draw], share=share)
-        each.append(_certainty(asked, known))
-    return float(np.mean(each)) if each else _told(asked, chosen)
-
-
-def _certainty(asked: _Question, known: Knowledge) -> float:
-    """Minus the sum of logarithms of the deviations asked about."""
-    variances = asked.target.variances(asked.model, known)
-    return -0.5 * float(np.sum(np.log(np.maximum(variances, 1e-300))))
-
-
-def _ordered(asked: _Question, chosen: Sequence[Maneuver]) -> list[Maneuver]:
-    """The one first that is worth most for its time, and so on."""
-    left, found = list(chosen), []
-    while left:
-        best = _best(asked.target, asked.model, _known(asked, found), left)
-        left.pop(next(place for place, item in enumerate(left) if item is best))
-        found.append(best)
-    return found
+        best = _best(target, model, known, left)
+        first = not any(step.maneuver is best for step in steps)
+        for share in (*(careful if first else ()), 1.0):
+            later = known.with_more(best.taught, share=share)
+            worth = robust_worth(target, model, known, best, share=share)
+            steps.append(_step(best, share, len(steps), used, worth))
+            used += cost(best)
+            known = later
+    return Sortie(tuple(steps), used, covariances(model, start), covariances(model, known))
 
 
 def _best(target: Target, model: AeroModel, known: Knowledge, left: Sequence[Maneuver]) -> Maneuver:
@@ -301,6 +188,11 @@ def _best(target: Target, model: AeroModel, known: Knowledge, left: Sequence[Man
 def covariances(model: AeroModel, known: Knowledge) -> Covariances:
     """Covariance of every coefficient's terms."""
     return {name: information.covariance(fit, known.of(name)) for name, fit in model.fits.items()}
+
+
+def _cost(item: Maneuver, steps: Sequence[Step], careful: tuple[float, ...]) -> float:
+    tried = any(step.maneuver is item for step in steps)
+    return cost(item) * (1 if tried else 1 + len(careful))
 
 
 def _step(item: Maneuver, share: float, count: int, used: float, worth: float) -> Step:

@@ -361,37 +361,6 @@ def test_what_half_of_the_aircraft_learn_nothing_from_is_not_flown_first(planned
     assert plan.steps[0].maneuver is steady
 
 
-def test_a_long_run_that_fills_the_time_is_flown_for_a_short_one(planned) -> None:
-    """Worth most for its time is the short one, but nothing fits behind it.
-
-    Unless half of the aircraft learn nothing from the long one.
-    """
-    known, start = targets.derivatives(model(), ("Cm",)), information.nothing(model())
-    steady = planned["elevator_doublet"]
-    draws = len(steady.each)
-
-    def lasting(seconds: float, times: float, *, risky: bool = False) -> Maneuver:
-        mean = Added(times * steady.taught.information, steady.taught.samples)
-        each = [Added(2.0 * (draw % 2) * mean.information, mean.samples) for draw in range(draws)]
-        recipe = replace(steady.recipe, duration=seconds)
-        return replace(
-            steady, recipe=recipe, taught=mean, each=tuple(each) if risky else (mean,) * draws
-        )
-
-    short, long = lasting(2.0, 1.0), lasting(20.0, 1.6)
-    assert sortie.ranked(known, model(), start, [short, long])[0][1] is short
-    fits = sortie.cost(long)
-    assert fits < 2.0 * sortie.cost(short)
-    plan = sortie.planned(known, model(), start, [short, long], budget=fits)
-    assert [step.maneuver for step in plan.steps] == [long]
-    gamble = lasting(20.0, 1.6, risky=True)
-    plan = sortie.planned(known, model(), start, [short, gamble], budget=fits)
-    assert [step.maneuver for step in plan.steps] == [short]
-    # With time for both nothing is lost, and the better one for its time comes first.
-    both = sortie.planned(known, model(), start, [short, long], budget=fits + sortie.cost(short))
-    assert [step.maneuver for step in both.steps] == [short, long]
-
-
 def test_a_poor_model_is_tried_at_small_amplitude_first(at, planned) -> None:
     loose = model(relative=0.3)
     assert sortie.poor(loose)
