@@ -121,7 +121,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
             f"no maneuver for {target.words} is safe: {refused[0].reason if refused else 'none'}",
             fix="widen [envelope] where the aircraft allows it, or fly in calmer air",
         )
-    unsure = _unsure(model, known, [item for item, _ in candidates], target)
+    unsure = _unsure(model, known, [item for item, _ in candidates], target, conditions[0])
     kept: list[tuple[float, Maneuver]] = []
     before = sortie.covariances(model, known)
     plan = Sortie((), 0.0, before, before)
@@ -364,7 +364,10 @@ def _wanted(question: Question, unsure: Mapping[str, Mapping[str, Any]]) -> bool
     """Whether anything is to be planned: what was asked for by name, sure or not."""
     if {question.target, question.region, question.separate} != {None}:
         return True
-    return any(item["sd"] > question.confidence * item["spread"] for item in unsure.values())
+    return any(
+        max(item["sd"], item["sd_reachable"]) > question.confidence * item["spread"]
+        for item in unsure.values()
+    )
 
 
 def _separated(
@@ -422,10 +425,17 @@ def _flight(
 
 
 def _unsure(
-    model: AeroModel, known: Knowledge, candidates: Sequence[Maneuver], target: Target
+    model: AeroModel,
+    known: Knowledge,
+    candidates: Sequence[Maneuver],
+    target: Target,
+    at: Condition,
 ) -> dict[str, dict[str, Any]]:
-    """How sure the model is of each coefficient in the maneuver that varies it most."""
-    found = {}
+    """How sure the model is of each coefficient in the maneuver that varies it most.
+
+    And where it is least sure of all that can be reached from level flight, of what flying changes.
+    """
+    found, level = {}, _level(at)
     for name in target.coefficients:
         widest = max(candidates, key=lambda item: item.reach[name].spread)
         one = widest.gains(model, known)[name]
@@ -433,6 +443,9 @@ def _unsure(
             "sd": one.before,
             "spread": one.spread,
             "in": widest.name,
+            "sd_reachable": suggestion_map.changeable(
+                model, known, name, at.aircraft, at.allowed, level
+            ),
             "derivatives": {key: {"sd": sd[0]} for key, sd in one.derivatives.items()},
         }
     return found

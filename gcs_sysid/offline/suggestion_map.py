@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gcs_sysid.aircraft import Envelope
+from gcs_sysid.aircraft import Aircraft, Envelope
+from gcs_sysid.atmosphere import GRAVITY
 from gcs_sysid.estimate import basis
 from gcs_sysid.estimate.result import AeroModel
 from gcs_sysid.maneuvers import information
@@ -51,10 +52,7 @@ def confidence(
     }
     found = {}
     for name in target.coefficients:
-        along = "alpha" if name in ALONG else "beta"
-        low, high = getattr(allowed, along)
-        values = {key: np.full(POINTS, value) for key, value in level.items()}
-        values[along] = np.linspace(low, high, POINTS)
+        along, values = _along(name, allowed, level)
         found[name] = {
             "along": along,
             "x": values[along],
@@ -66,6 +64,51 @@ def confidence(
             "planned": _planned(plan, name, along),
         }
     return found
+
+
+def changeable(
+    model: AeroModel,
+    known: Knowledge,
+    name: str,
+    aircraft: Aircraft,
+    allowed: Envelope,
+    level: Mapping[str, float],
+) -> float:
+    """Largest deviation of a coefficient where the aircraft may go, of what flying can change.
+
+    That is every flow angle that its envelope allows, as far as the lift there is a load factor
+    that it allows too.
+
+    Args:
+        model: identified so far.
+        known: what was added to its fits.
+        name: of the coefficient.
+        aircraft: with the model's mean as its aerodynamics.
+        allowed: its envelope.
+        level: every variable in level flight.
+    """
+    along, values = _along(name, allowed, level)
+    sure = {name: information.changeable(model.fits[name], known.of(name))}
+    found = _deviation(model, name, values, sure)
+    if along == "alpha" and "CZ" in model.fits:
+        fit = model.fits["CZ"]
+        lift = -(basis.columns(fit.keys, model.controls, values) @ fit.value)
+        weight = aircraft.mass.mass * GRAVITY
+        load = lift * level["qbar"] * aircraft.geometry.wing_area / weight
+        low, high = allowed.load_factor
+        inside = (load >= low) & (load <= high)
+        found = found[inside] if inside.any() else found
+    return float(found.max())
+
+
+def _along(
+    name: str, allowed: Envelope, level: Mapping[str, float]
+) -> tuple[str, dict[str, np.ndarray]]:
+    """The flow angle that a coefficient hangs on most, and variables over all that is allowed."""
+    along = "alpha" if name in ALONG else "beta"
+    low, high = getattr(allowed, along)
+    values = {key: np.full(POINTS, value) for key, value in level.items()}
+    return along, {**values, along: np.linspace(low, high, POINTS)}
 
 
 def _planned(plan: Sortie, name: str, along: str) -> list[float] | None:

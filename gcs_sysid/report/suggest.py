@@ -116,7 +116,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     if not listed:
         text = (
             f"every coefficient asked about is known to {100.0 * summary['confidence']:.0f} % of "
-            "its variation; ask for more with a smaller --confidence."
+            "its variation wherever the aircraft may go; ask for more with a smaller --confidence."
         )
         return (*found, Finding("Nothing to fly", text))
     found.append(Finding("Least sure", f"{_unsure(summary)}."))
@@ -160,6 +160,9 @@ def _unsure(summary: Mapping) -> str:
     for name, item in summary["unsure"].items():
         share = 100.0 * item["sd"] / item["spread"] if item["spread"] else math.inf
         words.append(f"{name} to {number(share, 2)} % of its variation")
+        if item["sd_reachable"] > summary["confidence"] * item["spread"] >= item["sd"]:
+            farthest = 100.0 * item["sd_reachable"] / item["spread"]
+            words[-1] += f", to {number(farthest, 2)} % at the edge of what it may fly"
     return "; ".join(words)
 
 

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs_sysid import atmosphere
 from gcs_sysid.cli import reports
 from gcs_sysid.errors import InputError, RefusedError, UsageError
 from gcs_sysid.figures.maneuver import confidence
-from gcs_sysid.offline import model_store, suggest, suggestion_flown
+from gcs_sysid.maneuvers import information
+from gcs_sysid.offline import model_store, suggest, suggestion_flown, suggestion_map
 from gcs_sysid.offline.model_store import StoredModel
 from gcs_sysid.offline.suggestion_target import Question, chosen
 from gcs_sysid.report.suggest import findings
@@ -171,6 +173,31 @@ def test_the_map_marks_what_is_aimed_at_without_a_region_too(planned) -> None:
     assert "planned from" not in {rule.name for rule in asked}
 
 
+def test_the_edge_of_what_may_be_flown_is_asked_about_too(planned) -> None:
+    """By hand: √(xᵀ Σ x) of Cm's terms along the angles that the load factor leaves."""
+    document, _ = planned
+    made, level = aircraft(), document["conditions"][0]
+    fit, lift = model().fits["Cm"], model().fits["CZ"]
+    assert made.envelope is not None
+    alpha = np.linspace(*made.envelope.alpha, 61)
+    pressure = 0.5 * atmosphere.density(np.array(level["height"])) * level["airspeed"] ** 2
+    load = -(lift.value[0] + lift.value[1] * alpha) * pressure * made.geometry.wing_area
+    load /= made.mass.mass * 9.80665
+    rows = np.column_stack(
+        [np.ones(61), alpha, np.zeros(61), np.full(61, level["controls"]["elevator"])]
+    )
+    sd = np.sqrt(np.sum((rows @ fit.covariance) * rows, axis=1))
+    assert document["unsure"]["Cm"]["sd_reachable"] == pytest.approx(sd.max(), rel=1e-3)
+    tight = replace(made.envelope, load_factor=(0.3, 1.7))
+    inside = (load >= 0.3) & (load <= 1.7)
+    assert 5 < inside.sum() < 56
+    flow = {"alpha": 0.0, "beta": 0.0, "qhat": 0.0, "qbar": float(pressure), **level["controls"]}
+    known = information.nothing(model())
+    found = suggestion_map.changeable(model(), known, "Cm", made, tight, flow)
+    assert found == pytest.approx(sd[inside].max(), rel=1e-3)
+    assert found < 0.9 * sd.max()
+
+
 def test_two_causes_are_told_apart_by_what_is_planned(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(suggest, "SPEEDS", (0.45,))
     monkeypatch.setattr(suggest, "LISTED", 1)
@@ -255,8 +282,10 @@ def test_what_was_promised_is_held_against_what_was_achieved(planned, tmp_path) 
 
 
 def test_a_model_that_is_sure_enough_needs_nothing(planned) -> None:
-    unsure = {"Cm": {"sd": 0.02, "spread": 1.0}}
+    unsure = {"Cm": {"sd": 0.02, "sd_reachable": 0.03, "spread": 1.0}}
     assert suggest._wanted(Question(confidence=0.01), unsure)
+    far = {"Cm": {"sd": 0.02, "sd_reachable": 0.12, "spread": 1.0}}
+    assert suggest._wanted(Question(confidence=0.1), far)
     assert not suggest._wanted(Question(confidence=0.1), unsure)
     assert suggest._wanted(Question(confidence=0.1, target="Cm"), unsure)
     assert suggest._wanted(Question(confidence=0.1, region="alpha=1:2"), unsure)
