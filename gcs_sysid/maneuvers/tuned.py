@@ -36,7 +36,7 @@ from gcs_sysid.maneuvers.target import Target
 NAME = "tuned_multisine"
 SLOWEST = 2
 """First line, harmonic of 1/`PERIOD`: the first one is hardly a steady answer after one period."""
-LAPS = 3
+LAPS = 2
 """Periods that a probe is flown; the last one is looked at, when the answer has settled."""
 PROBE = 0.1
 """Size of a probe over that which alone would reach a limit: answers are of small motions."""

@@ -6,6 +6,7 @@ import json
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -276,8 +277,13 @@ def _level(at: Condition) -> dict[str, float]:
     return {name: float(value[0]) for name, value in values.items()}
 
 
-def considered(at: Condition, target: Target, known: Knowledge, budget: float) -> Iterator[Recipe]:
-    """Every recipe at a condition: those that all are flown, and what is made for the target.
+def considered(
+    at: Condition, target: Target, known: Knowledge, budget: float
+) -> Iterator[Callable[[], Recipe | None]]:
+    """Every recipe at a condition, made when it is called for.
+
+    Those that any target is flown with are at hand; the one that is made for this target takes
+    seconds, in which others can be tried.
 
     Args:
         at: where they begin.
@@ -285,10 +291,13 @@ def considered(at: Condition, target: Target, known: Knowledge, budget: float) -
         known: what is known so far.
         budget: flight time that there is [s].
     """
-    yield from recipes.every(at.place())
-    made = tuned.recipe(at, tuned.probed(at), target, known, budget)
-    if made is not None:
-        yield made
+    for recipe in recipes.every(at.place()):
+        yield partial(_itself, recipe)
+    yield lambda: tuned.recipe(at, tuned.probed(at), target, known, budget)
+
+
+def _itself(recipe: Recipe) -> Recipe:
+    return recipe
 
 
 def _sized(
@@ -301,22 +310,26 @@ def _sized(
     """Every recipe that excites what is asked for, as large as it is safe."""
     found, refused = [], []
 
-    def jobs() -> Iterator[tuple[Condition, Recipe]]:
+    def jobs() -> Iterator[tuple[Condition, Callable[[], Recipe | None]]]:
         for number, at in enumerate(conditions):
-            for recipe in considered(at, target, known, budget):
-                if set(recipe.coefficients) & set(target.coefficients):
-                    share = number / len(conditions)
-                    progress(f"{recipe.kind} at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
-                    yield at, recipe
+            share = number / len(conditions)
+            progress(f"maneuvers at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
+            for make in considered(at, target, known, budget):
+                yield at, make
 
-    def tried(job: tuple[Condition, Recipe]) -> tuple[Maneuver | Refusal, Condition]:
-        at, recipe = job
+    def tried(
+        job: tuple[Condition, Callable[[], Recipe | None]],
+    ) -> tuple[Maneuver | Refusal | None, Condition]:
+        at, make = job
+        recipe = make()
+        if recipe is None or not set(recipe.coefficients) & set(target.coefficients):
+            return None, at
         return design.sized(at, recipe), at
 
     for one, at in parallel.ahead(tried, jobs()):
         if isinstance(one, Refusal):
             refused.append(one)
-        else:
+        elif one is not None:
             found.append((one, at))
     return found, refused
 

@@ -460,8 +460,9 @@ def _taught(known: Known, entry: dict[str, Any]) -> Added:
     """
     before = information.nothing(known.model, known.conditions[0].heard)
     for at in known.conditions:
-        for recipe in suggest.considered(at, known.target, before, 60.0 * MINUTES):
-            if f"{recipe.name}_{at.trim.airspeed:.0f}mps" != entry["name"]:
+        for make in suggest.considered(at, known.target, before, 60.0 * MINUTES):
+            recipe = make()
+            if recipe is None or f"{recipe.name}_{at.trim.airspeed:.0f}mps" != entry["name"]:
                 continue
             one = design.sized(at, recipe)
             if isinstance(one, Maneuver):
