@@ -6,7 +6,6 @@ import json
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -292,12 +291,8 @@ def considered(
         budget: flight time that there is [s].
     """
     for recipe in recipes.every(at.place()):
-        yield partial(_itself, recipe)
+        yield lambda made=recipe: made
     yield lambda: tuned.recipe(at, tuned.probed(at), target, known, budget)
-
-
-def _itself(recipe: Recipe) -> Recipe:
-    return recipe
 
 
 def _sized(
@@ -313,8 +308,9 @@ def _sized(
     def jobs() -> Iterator[tuple[Condition, Callable[[], Recipe | None]]]:
         for number, at in enumerate(conditions):
             share = number / len(conditions)
-            progress(f"maneuvers at {at.trim.airspeed:.0f} m/s", 0.2 + 0.5 * share)
-            for make in considered(at, target, known, budget):
+            for count, make in enumerate(considered(at, target, known, budget), 1):
+                words = f"maneuver {count} at {at.trim.airspeed:.0f} m/s"
+                progress(words, 0.2 + 0.5 * share)
                 yield at, make
 
     def tried(

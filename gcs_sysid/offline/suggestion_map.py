@@ -34,8 +34,8 @@ def confidence(
 
     Everything else stays as in level flight. Beyond what has been flown the polynomial's own
     deviation says too little; `flown` tells where that begins. `stays` is what of it no flight
-    takes away. What is aimed at is `asked`, the
-    region where one is, and `planned`, how far the sortie's maneuvers for the coefficient go.
+    takes away. What is aimed at is `asked`, the region where one is, and `planned`, how far the
+    sortie's maneuvers for the coefficient go.
 
     Args:
         model: identified so far.

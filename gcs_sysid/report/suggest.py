@@ -116,7 +116,9 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     if not listed:
         text = (
             f"every coefficient asked about is known to {100.0 * summary['confidence']:.0f} % of "
-            "its variation wherever the aircraft may go; ask for more with a smaller --confidence."
+            "its variation in the maneuver that varies it most, and wherever the aircraft may go, "
+            "there without what no flight changes (mass, inertia, thrust); ask for more with a "
+            "smaller --confidence."
         )
         return (*found, Finding("Nothing to fly", text))
     found.append(Finding("Least sure", f"{_unsure(summary)}."))

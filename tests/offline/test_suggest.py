@@ -292,6 +292,7 @@ def test_a_model_that_is_sure_enough_needs_nothing(planned) -> None:
     document, _ = planned
     found = findings({**document, "maneuvers": []})
     assert [item.topic for item in found] == ["Nothing to fly"]
+    assert "without what no flight changes" in found[0].text
 
 
 def test_without_an_envelope_nothing_is_suggested(tmp_path) -> None:
