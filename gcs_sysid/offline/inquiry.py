@@ -25,6 +25,7 @@ from gcs_sysid.diagnose.aided.ranking import (
     with_a_right_file,
 )
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.diagnose.verdict import INCREDIBLE
@@ -32,7 +33,16 @@ from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.settling import QUIET
 from gcs_sysid.estimate.weighed import SETS
 from gcs_sysid.offline.flight import Progress
-from gcs_sysid.offline.question import FIRST_SETS, REFUTED, Answer, Asked, Question, Telling, Trial
+from gcs_sysid.offline.question import (
+    FIRST_SETS,
+    REFUTED,
+    UNLISTED,
+    Answer,
+    Asked,
+    Question,
+    Telling,
+    Trial,
+)
 
 ROUNDS = 6
 """Times that favourites are put to the test."""
@@ -91,6 +101,34 @@ class _Tried(NamedTuple):
     sets: list[frozenset[Candidate]]
 
 
+class _AskedFor(NamedTuple):
+    """What nothing listed stands for, as flights have it where they stand.
+
+    Attributes:
+        standing: where that is.
+        missing: the term that they ask for most; None where there is none.
+        gained: log predictive density per measurement by it.
+    """
+
+    standing: Answer
+    missing: MissingTerm | None
+    gained: float
+
+
+class _Begun(NamedTuple):
+    """A search with a missing term, as far as it went.
+
+    Attributes:
+        missing: the term.
+        question: with it among the model's.
+        answer: flights where the search was left.
+    """
+
+    missing: MissingTerm
+    question: Question
+    answer: Answer
+
+
 class Inquiry:
     """Flights, and where they stand with the causes that were put to the test so far.
 
@@ -108,6 +146,7 @@ class Inquiry:
         reached: sizes of servos' changes with which was reckoned.
         farthest: by how many of its sigmas the size of a favourite was off that was not believed;
             0 where none was.
+        outdone: whether a favourite was left for a term that nothing listed stands for.
     """
 
     def __init__(self, asked: Asked, progress: Progress, kept: Kept) -> None:
@@ -121,6 +160,9 @@ class Inquiry:
         self._needed = NONE_NEEDED
         # A file that is right in all else was tried; sizes moved on lost the flight.
         self._right = self._overshot = False
+        self.outdone = False
+        self._asked_for: _AskedFor | None = None
+        self._begun: _Begun | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -137,13 +179,70 @@ class Inquiry:
             self._rest()
 
     def search(self) -> None:
-        """Puts favourites to the test until one stays."""
+        """Puts favourites to the test until one stays, or is left for a missing term.
+
+        Searched again, none is left for one.
+        """
+        again = self.outdone
         for turn in range(1, ROUNDS + 1):
             favourite = self._favourite()
             if favourite is None or not self._put_to_the_test(favourite, turn):
                 break
+        if self.outdone and not again:
+            return
         if self._roughly and not self.standing.causes:
             self._rest()
+
+    def missing(self) -> tuple[MissingTerm | None, float]:
+        """The term that flights ask for most where they stand, and what it gains.
+
+        On what took no part, log predictive density per measurement.
+        """
+        if self._asked_for is None or self._asked_for.standing is not self.standing:
+            self._asked_for = _AskedFor(self.standing, *self.question.missing(self.standing))
+        return self._asked_for.missing, self._asked_for.gained
+
+    def with_term(
+        self, missing: MissingTerm, turn: int, sets: int = SETS
+    ) -> tuple[Question, Answer]:
+        """Flights searched with a missing term set free, on from where that was left before.
+
+        Args:
+            missing: as `missing` has it.
+            turn: of the `ROUNDS`.
+            sets: times that instruments are used at most.
+        """
+        telling = self.telling(f"trying {missing.coefficient} {missing.key}", turn)
+        if self._begun is None or self._begun.missing is not missing:
+            wider = self._asked.question(self.reached, missing).as_late_as(self.question)
+            start, near = self.question.carried(self.standing.settled, wider, missing), None
+            relations = wider.relations(start)
+        else:
+            _, wider, near = self._begun
+            start, relations = near.settled, near.relations
+        if near is None or not near.ended:
+            near = wider.answered(
+                *(telling, (UNLISTED,), start, relations),
+                causes=(UNLISTED,),
+                near=near,
+                sets=sets,
+            )
+        self._begun = _Begun(missing, wider, near)
+        return wider, near
+
+    def _without_a_cause(self, turn: int) -> float:
+        """Log-likelihood with the term that flights ask for, where causes are far behind it.
+
+        By evidence where the flights stand; −∞ where none is. A yawing moment by aileron times
+        angle of attack was searched to the end under the names of an inertia and of an aileron that
+        bends, in a third of all the time, and neither was believed then.
+        """
+        if self.outdone:
+            return -np.inf
+        missing, _ = self.missing()
+        if missing is None or missing.log_bayes_factor < self.ranked[0].log_bayes_factor + REFUTED:
+            return -np.inf
+        return self.with_term(missing, turn, FIRST_SETS)[1].log_likelihood
 
     def telling(self, doing: str, turn: int) -> Telling:
         """Tells of a flight in one of the `ROUNDS`."""
@@ -191,6 +290,9 @@ class Inquiry:
         """Whether there is more to try after it."""
         listed, standing = self.question.listed, self.standing
         tried = self._tried(favourite, turn)
+        if tried is None:
+            self.outdone = True
+            return False
         trial = tried.trial
         lost = standing.log_likelihood - trial.log_likelihood
         if lost > REFUTED and any(tried.sizes[name] != self.reached[name] for name in self.reached):
@@ -219,8 +321,11 @@ class Inquiry:
         self._weigh()
         return True
 
-    def _tried(self, favourite: _Favourite, turn: int) -> _Tried:
-        """Flights searched with a favourite, by either name, at the sizes that it turns out at."""
+    def _tried(self, favourite: _Favourite, turn: int) -> _Tried | None:
+        """Flights searched with a favourite, by either name, at the sizes that it turns out at.
+
+        None where they are far likelier with a term that nothing listed stands for.
+        """
         best, accuracy, sizes, _, sets = favourite
         listed, standing = self.question.listed, self.standing
         asking, acting = self.question, _acting(listed, best.causes)
@@ -238,9 +343,19 @@ class Inquiry:
             renamed = self.question.at(standing.settled, twin.values)
             asked_for.append(Trial(twin.causes, renamed, None, near))
         telling = self.telling("trying", turn)
-        trials = asking.tried(telling, asked_for, standing.relations, self.every, accuracy, sets)
+        rivals = [-np.inf]
+
+        def rival() -> float:
+            rivals.append(self._without_a_cause(turn))
+            return rivals[-1]
+
+        trials = asking.tried(
+            telling, asked_for, standing.relations, self.every, accuracy, sets, rival
+        )
         trial = max(trials, key=lambda one: one.log_likelihood)
         won = trial.log_likelihood - trials[0].log_likelihood
+        if trial.log_likelihood < rivals[-1] - REFUTED:
+            return None
         if _acting(listed, trial.causes) and trial.left > QUIET and not trial.ended:
             asking, trial = self._begun_anew(asking, trial, telling, accuracy, sets)
         moved_on = self._where_it_is(asking, trial, sizes or self.reached, telling, accuracy, sets)

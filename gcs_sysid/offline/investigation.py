@@ -22,7 +22,7 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.offline.flight import Flight, Progress
 from gcs_sysid.offline.inquiry import ROUNDS, Inquiry, Kept, unkept
 from gcs_sysid.offline.leads import RestlessError
-from gcs_sysid.offline.question import UNLISTED, Asked, Question
+from gcs_sysid.offline.question import Asked, Question
 from gcs_sysid.offline.settled import Subject
 from gcs_sysid.reconstruct import causal
 
@@ -122,11 +122,10 @@ def investigate(
     """
     asked = Asked(aircraft, flights, fitted, held_out)
     inquiry = Inquiry(asked, progress, kept)
-    inquiry.search()
-    listed, reached = inquiry.question.listed, inquiry.reached
-    ranked = tuple(_doubted(one, reached, listed) for one in inquiry.ranked)
-    progress("looking for what no cause stands for", (inquiry.steps - 1) / inquiry.steps)
-    lacking = _lacking(asked, inquiry, ranked)
+    lacking = _searched(inquiry, progress)
+    if inquiry.outdone and not lacking.named:
+        # What it was left for is nothing after all: the favourite is searched to its end.
+        lacking = _searched(inquiry, progress)
     question, done = lacking.question, lacking.each
     # Only now: what finds no rest with the catalogue alone may find it with the missing term.
     for subject, last, stood_out in zip(question.subjects, done, inquiry.leads, strict=True):
@@ -134,7 +133,7 @@ def investigate(
             raise RestlessError(subject.one.recording.source, stood_out)
     return Investigation(
         quantities=question.quantities,
-        unknowns=listed,
+        unknowns=inquiry.question.listed,
         candidates=inquiry.every,
         information=inquiry.standing.information,
         apart=inquiry.standing.apart,
@@ -158,6 +157,7 @@ class _Lacking(NamedTuple):
     """What no cause stands for.
 
     Attributes:
+        named: whether a term is to be named.
         missing: the term that the flights ask for most; None where there is none.
         gained: log predictive density per measurement by it.
         probability: that one is missing.
@@ -166,6 +166,7 @@ class _Lacking(NamedTuple):
         each: flights as they answered it.
     """
 
+    named: bool
     missing: MissingTerm | None
     gained: float
     probability: float
@@ -174,31 +175,31 @@ class _Lacking(NamedTuple):
     each: Sequence[Weighed]
 
 
-def _lacking(asked: Asked, inquiry: Inquiry, plain: tuple[Ranked, ...]) -> _Lacking:
+def _searched(inquiry: Inquiry, progress: Progress) -> _Lacking:
+    """Favourites put to the test, and what none of them stands for."""
+    inquiry.search()
+    listed, reached = inquiry.question.listed, inquiry.reached
+    ranked = tuple(_doubted(one, reached, listed) for one in inquiry.ranked)
+    progress("looking for what no cause stands for", (inquiry.steps - 1) / inquiry.steps)
+    return _lacking(inquiry, ranked)
+
+
+def _lacking(inquiry: Inquiry, plain: tuple[Ranked, ...]) -> _Lacking:
     """Whether the flights ask for a term that nothing listed stands for.
 
     One that is to be named is set free, and the flights are searched with it.
 
     Args:
-        asked: what questions are asked of.
         inquiry: that has ended.
         plain: sets of causes as it has them.
     """
     question, standing = inquiry.question, inquiry.standing
-    missing, gained = question.missing(standing)
+    missing, gained = inquiry.missing()
     ranked, probability = unlisted.weighed(plain, missing)
-    found = _Lacking(missing, gained, probability, ranked, question, standing.each)
+    found = _Lacking(False, missing, gained, probability, ranked, question, standing.each)
     if missing is None or not unlisted.named(missing, probability, ranked):
         return found
-    wider = asked.question(inquiry.reached, missing).as_late_as(question)
-    begun = question.carried(standing.settled, wider, missing)
-    with_it = wider.answered(
-        inquiry.telling(f"trying {missing.coefficient} {missing.key}", ROUNDS),
-        (UNLISTED,),
-        begun,
-        wider.relations(begun),
-        causes=(UNLISTED,),
-    )
+    wider, with_it = inquiry.with_term(missing, ROUNDS)
     settled_with, settled_gain = wider.found(with_it, missing)
     count, listed = standing.apart.count, question.listed
     won = 0.0
@@ -208,7 +209,7 @@ def _lacking(asked: Asked, inquiry: Inquiry, plain: tuple[Ranked, ...]) -> _Lack
     ranked, probability = unlisted.weighed(plain, missing, won)
     if not unlisted.named(missing, probability, ranked):
         return found._replace(ranked=ranked, probability=probability)
-    return _Lacking(settled_with, settled_gain, probability, ranked, wider, with_it.each)
+    return _Lacking(True, settled_with, settled_gain, probability, ranked, wider, with_it.each)
 
 
 def _doubted(one: Ranked, reached: Mapping[str, float], listed: Unknowns) -> Ranked:

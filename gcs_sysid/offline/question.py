@@ -331,6 +331,7 @@ class Question:
         every: Sequence[Candidate],
         accuracy: float,
         sets: int,
+        rival: Callable[[], float] = lambda: -np.inf,
     ) -> list[Answer]:
         """Flights searched with each of some sets of causes set free.
 
@@ -345,6 +346,8 @@ class Question:
             every: all causes.
             accuracy: of the file's aerodynamics, in its sigmas.
             sets: times that instruments are used at most in one that goes on.
+            rival: log-likelihood with something else set free, that they may be far behind as well;
+                asked for only where one would go on.
         """
 
         def searched(trial: Trial, by: Sequence[Relation], most: int) -> Answer:
@@ -367,13 +370,17 @@ class Question:
         begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED
 
-        def left_there(trial: Trial, one: Answer) -> bool:
+        def goes_on(trial: Trial, one: Answer) -> bool:
             # Of the same question at the same point nothing else would be worked out.
             known = trial.near is not None and not one.moved
-            return one.ended or one.log_likelihood < hopeless or known
+            return not (one.ended or one.log_likelihood < hopeless or known)
 
-        pairs = zip(trials, begun, strict=True)
-        return [one if left_there(trial, one) else gone_on(one) for trial, one in pairs]
+        going_on = [goes_on(*pair) for pair in zip(trials, begun, strict=True)]
+        outdone = rival() - REFUTED if any(going_on) else -np.inf
+        return [
+            gone_on(one) if more and one.log_likelihood > outdone else one
+            for one, more in zip(begun, going_on, strict=True)
+        ]
 
     def rested(self, telling: Telling, found: Answer) -> Answer:
         """Flights searched on without any cause, unless all have come to rest."""

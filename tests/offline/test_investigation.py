@@ -18,6 +18,7 @@ from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
 from gcs_sysid.offline import inquiry, investigation, question
 from gcs_sysid.offline.flight import Flight
+from gcs_sysid.offline.inquiry import Inquiry
 from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.question import Answer, Trial
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
@@ -105,7 +106,7 @@ class Restless(Question):
         super().__init__()
         self.ends, self.accuracies = list(ends), list[float]()
 
-    def tried(self, _telling, asked, _relations, _every, accuracy, _sets) -> list[Answer]:
+    def tried(self, _telling, asked, _relations, _every, accuracy, _sets, *_) -> list[Answer]:
         if not self.ends:
             raise KeyboardInterrupt
         likelihood, left = self.ends.pop(0)
@@ -256,9 +257,8 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     class Named(Restless):
         """One end for each that is tried."""
 
-        def tried(self, telling, asked, relations, every, accuracy, sets) -> list[Answer]:
-            one = super().tried
-            return [one(telling, [each], relations, every, accuracy, sets)[0] for each in asked]
+        def tried(self, telling, asked, *given: object) -> list[Answer]:
+            return [super(Named, self).tried(telling, [each], *given)[0] for each in asked]
 
     asking = Named((5.0, 2.0), (0.0, 2.0), (3400.0, 2.0))
     nearer = iter(({"lag.elevator": 0.15}, None))
@@ -287,6 +287,50 @@ def test_what_moved_sizes_win_is_not_won_by_the_other_name(monkeypatch) -> None:
     assert over.value.args[0].log_likelihood == 3400.0
     assert len(asked_for) > 1
     assert set(asked_for) == {NONE_NEEDED}
+
+
+@pytest.mark.parametrize(("likelihood", "stands"), [(250.0, 0.0), (150.0, 100.0)])
+def test_causes_far_behind_a_missing_term_do_not_stand(
+    monkeypatch, likelihood: float, stands: float
+) -> None:
+    """Flights stay where they are without them: there the term is weighed, and named or not."""
+
+    class Behind(Restless):
+        """Its searches ask for what else there is."""
+
+        def tried(self, *given) -> list[Answer]:
+            given[-1]()
+            return super().tried(*given)
+
+    asking = Behind((100.0, 60.0))
+    monkeypatch.setattr(Inquiry, "_without_a_cause", lambda *_: likelihood)
+    asked_of(monkeypatch, asking)
+    best = Ranked(
+        (EVERY[0],), *(0.1, 1.0, 9.0), ((),), Posterior(np.zeros(7), np.eye(7), 0.0), RIGHT
+    )
+    monkeypatch.setattr(inquiry, "rank", lambda *_: (best,))
+    monkeypatch.setattr(inquiry, "_with_a_right_file", lambda *_: None)
+    with pytest.raises(Over) as over:
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert over.value.args[0].log_likelihood == stands
+
+
+@pytest.mark.parametrize(("outdone", "named", "times"), [(1, 0, 2), (1, 1, 1), (0, 0, 1)])
+def test_a_favourite_left_for_a_term_that_is_none_is_searched_to_its_end(
+    monkeypatch, outdone: int, named: int, times: int
+) -> None:
+    last = Mock(spec=Weighed)
+    last.settled.restless = True
+    subject = Mock()
+    subject.one.recording.source = "left.tlog"
+    told = Mock(named=bool(named), question=Mock(subjects=(subject,)), each=[last])
+    searched = Mock(return_value=told)
+    monkeypatch.setattr(investigation, "_searched", searched)
+    found = Mock(spec=Inquiry, outdone=bool(outdone), leads=[[]])
+    monkeypatch.setattr(investigation, "Inquiry", lambda *_: found)
+    with pytest.raises(RestlessError):
+        investigation.investigate(small(), (Flight.__new__(Flight),), (True,), (), lambda *_: None)
+    assert searched.call_count == times
 
 
 def test_a_search_without_rest_is_refused_with_what_stood_out(monkeypatch) -> None:

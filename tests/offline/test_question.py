@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -124,3 +125,52 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
     # By how errors show where each stood when it went on.
     given = [call.args[3] for call in asked.answered.call_args_list]
     assert given == [begun, begun, *[there] * (len(sets) - 2)]
+
+
+@pytest.mark.parametrize(
+    ("rival", "sets"),
+    [(500.0, [2]), (50.0, [2, 6]), (-np.inf, [2, 6])],
+    ids=["far", "hardly", "no"],
+)
+def test_causes_far_behind_something_unlisted_are_left(rival: float, sets: list[int]) -> None:
+    asked, mass = restless(ends=(0.0, 10.0)), listed("mass")
+    trials = [Trial(mass, [], None, None)]
+    begun = [Mock(spec=Relation)]
+    (found,) = Question.tried(
+        asked, lambda *_: None, trials, begun, mass, 1.0, 6, rival=lambda: rival
+    )
+    assert [call.kwargs["sets"] for call in asked.answered.call_args_list] == sets
+    assert found.log_likelihood == (0.0 if len(sets) == 1 else 10.0)
+
+
+def test_where_a_search_has_ended_nothing_unlisted_is_asked_for() -> None:
+    asked, mass = restless(ends=(0.0,)), listed("mass")
+    trials = [Trial(mass, [], None, None)]
+
+    def rival() -> float:
+        raise AssertionError("asked")
+
+    Question.tried(asked, lambda *_: None, trials, [Mock(spec=Relation)], mass, 1.0, 6, rival=rival)
+    asked.answered.assert_called_once()
+
+
+def restless(*, ends: Sequence[float]) -> Mock:
+    """A question whose searches come to these log-likelihoods, the last of them to rest."""
+    asked = Mock(spec=Question)
+    asked.relations.return_value = [Mock(spec=Relation)]
+    nothing = Mock(spec=Information)
+    asked.answered.side_effect = [
+        Answer(
+            (),
+            [
+                Mock(
+                    spec=Weighed,
+                    settled=Mock(spec=Settled, log_likelihood=(end,), ended=end == ends[-1]),
+                )
+            ],
+            nothing,
+            nothing,
+        )
+        for end in ends
+    ]
+    return asked
