@@ -150,6 +150,7 @@ def climbed(
     asked: Instruments | None = None,
     *,
     sets: int = SETS,
+    near: Path | None = None,
 ) -> Weighed:
     """Steps to where scores and beliefs balance, none of which makes the flight less probable.
 
@@ -164,13 +165,13 @@ def climbed(
         progress: told about every step.
         asked: instruments of the same flight at another point nearby, where they are known.
         sets: times that instruments are used at most, those given among them.
+        near: a path of this flight that was found before; of another one it is not used.
     """
     counts, apart = counts & flight.found, ~counts & flight.found
     search = _Search(model, first[0], beliefs, counts, by)
-    begun = [
-        search.passed(search.believed(one), settling.along(model, flight, one)) for one in first
-    ]
-    here = max(begun, key=search.density)
+    if near is not None:
+        near = causal.taken_up(near, flight.rows, flight.nominal)
+    here = max((search.begun(flight, one, near) for one in first), key=search.density)
     serving = asked is not None and search.serves(asked, here)
     used = search.using(asked if serving else search.instruments(here))
     history, left = [here.log_likelihood], 0.0
@@ -297,6 +298,15 @@ class _Search:
         off = np.asarray(ravel_pytree(one.means)[0]) - self._mean
         at = np.linalg.lstsq(self._root, off, rcond=None)[0]
         return one._replace(means=self._means(self._mean + self._root @ at))
+
+    def begun(self, flight: Flight, one: Unknowns, near: Path | None) -> Point:
+        """Where to begin: about a path that is known already, or one along the nominal flight."""
+        believed = self.believed(one)
+        if near is not None:
+            point = self.passed(believed, near)
+            if np.isfinite(point.whitened).all():
+                return point
+        return self.passed(believed, settling.along(self._model, flight, one))
 
     def passed(self, unknowns: Unknowns, path: Path) -> Point:
         """`scoring.passed` over this flight."""

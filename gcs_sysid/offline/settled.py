@@ -288,7 +288,11 @@ def weigh(
     """
     rows, fitted = flight_rows.busiest(subject.rows, subject.fitted)
     begun = [settling.at(replace(start, values=values), subject.first.means) for values in first]
-    return weighed.climbed(model, rows, begun, before, fitted, by, progress, asked, sets=sets)
+    return weighed.climbed(
+        *(model, rows, begun, before, fitted, by, progress, asked),
+        sets=sets,
+        near=start.last.path,
+    )
 
 
 def told(

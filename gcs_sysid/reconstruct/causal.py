@@ -115,6 +115,21 @@ def along(rows: Row, nominal: State, beginning: Beginning) -> Path:
     return Path(chunks, aided_smoother.belief(beginning, chunks))
 
 
+def taken_up(path: Path, rows: Row, nominal: State) -> Path | None:
+    """A path with the rows of a flight, where it is one of the same samples; None where it is not.
+
+    Surfaces may be looked up otherwise in these rows.
+    """
+    chunks = aided_smoother.chunks(rows, nominal)
+    if len(chunks) != len(path.chunks) or not all(
+        np.array_equal(one.row.gyro, other.row.gyro)
+        for one, other in zip(chunks, path.chunks, strict=True)
+    ):
+        return None
+    pairs = zip(path.chunks, chunks, strict=True)
+    return path._replace(chunks=[one._replace(row=other.row) for one, other in pairs])
+
+
 def joined(model: FlightModel, means: Means, log_noise: Noise, path: Path) -> Iterator[Linearised]:
     """Every row about a path, chunk by chunk as they are asked for."""
 

@@ -40,7 +40,7 @@ def main() -> None:
             one = draw(number, fixed=DOZEN[number])
             found, seconds = fly.diagnose(fly.fly(one, place), place / "diagnosis")
             hidden = " + ".join(sorted(one.causes)) or "nothing"
-            said = found.get("cause") or found["verdict"]
+            said = " + ".join(sorted(found["effects"])) or found["verdict"]
             rows.append((f"{hidden} hidden, {words}", said, "180 s", f"{seconds:.0f} s"))
     table.show(
         "diagnose_cost",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from unittest.mock import Mock
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from gcs_sysid.estimate import settling, weighed
+from gcs_sysid.estimate import scoring, settling, weighed
 from gcs_sysid.estimate.flight_rows import Unknowns
 from gcs_sysid.estimate.intensities import Prior
 from gcs_sysid.estimate.settling import Beliefs
@@ -71,6 +72,25 @@ def posterior(found: Weighed) -> tuple[np.ndarray, np.ndarray]:
     score = found.told.score[DERIVATIVES] - precision @ off
     mean = found.settled.values[DERIVATIVES] + covariance @ score
     return mean, np.sqrt(np.diagonal(covariance))
+
+
+@pytest.mark.parametrize(("share", "passes"), [(1.0001, 1), (1.5, 2)], ids=["next to it", "far"])
+def test_a_point_is_told_by_a_path_that_has_followed_it(
+    monkeypatch, share: float, passes: int
+) -> None:
+    """From the path of the true derivatives: as far as it moves it is looked at again."""
+    path = settling.along(made.MODEL, FLIGHT, KNOWN)
+    path = scoring.passed(made.MODEL, KNOWN, path, EVERY).path
+    moved = made.unknowns(share)
+    taken = Mock(wraps=causal.filtered)
+    monkeypatch.setattr(causal, "filtered", taken)
+    found = scoring.passed(made.MODEL, moved, path, EVERY)
+    assert taken.call_count >= passes
+    assert (taken.call_count == 1) == (passes == 1)
+    for _ in range(5):
+        path, _, steps = causal.filtered(path, causal.joined(made.MODEL, *moved, path))
+    density = sum(float(np.sum(step.log_likelihood)) for step in steps)
+    assert found.log_likelihood == pytest.approx(density, abs=0.3)
 
 
 def test_it_ends_where_flight_and_beliefs_balance(ended) -> None:
@@ -147,6 +167,24 @@ def test_what_is_known_nearby_serves(by, ended) -> None:
     (mean, deviation), (other, _) = posterior(ended), posterior(again)
     np.testing.assert_array_less(np.abs(mean - other) / deviation, 0.5)
     np.testing.assert_allclose(deviation, posterior(again)[1], rtol=0.15)
+
+
+def test_a_search_begins_about_the_path_where_another_ended(monkeypatch, by, ended) -> None:
+    """Along the nominal flight only where that path is of other rows, or lost."""
+    asked = Mock(wraps=settling.along)
+    monkeypatch.setattr(settling, "along", asked)
+    end = settling.at(ended.settled, KNOWN.means)
+    path = ended.settled.last.path
+    given = (made.MODEL, FLIGHT, [end], beliefs(), ~EVERY, by, lambda _: None, ended.asked)
+    found = weighed.climbed(*given, sets=1, near=path)
+    asked.assert_not_called()
+    before, after = (one.settled.last.log_likelihood.sum() for one in (ended, found))
+    assert after == pytest.approx(before, abs=0.01)
+    lost = path._replace(start=path.start._replace(covariance=jnp.nan * path.start.covariance))
+    for other in (path._replace(chunks=path.chunks[:1]), lost):
+        again = weighed.climbed(*given, sets=1, near=other)
+        assert again.settled.last.log_likelihood.sum() == pytest.approx(before, abs=0.3)
+    assert asked.call_count == 2
 
 
 def test_a_search_that_stays_is_where_it_was_worked_out_how_errors_show(ended) -> None:

@@ -437,3 +437,15 @@ def test_derivatives_are_found_row_by_row_as_well_as_is_said() -> None:
     assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 12.0))
     assert np.max(shrunk) < 1.0
     assert np.median(shrunk) < 0.6
+
+
+def test_a_path_is_taken_up_with_other_surfaces_and_not_by_another_flight(flight) -> None:
+    path = settled(flight, made.unknowns(1.0).means, 1)
+    rows = flight.rows._replace(controls=2.0 * flight.rows.controls)
+    found = causal.taken_up(path, rows, flight.nominal)
+    assert found is not None
+    for new, old in zip(found.chunks, path.chunks, strict=True):
+        np.testing.assert_array_equal(new.after.velocity, old.after.velocity)
+        np.testing.assert_array_equal(new.row.controls, 2.0 * np.asarray(old.row.controls))
+    other = flight.rows._replace(gyro=flight.rows.gyro + 1e-3)
+    assert causal.taken_up(path, other, flight.nominal) is None

@@ -327,7 +327,10 @@ def build(
 
 
 def _least(aircraft: Aircraft, sensed: Iterable[str]) -> dict[str, float]:
-    """What is less than nothing: a message before its time, the lag of a tube or servo below zero.
+    """What is less than nothing.
+
+    A message before its time, the lag of a tube or servo or its play below zero, a lift slope that
+    grows where the wing stalls, a propeller's stream that takes the tail's effect away.
 
     Args:
         aircraft: what its file states already.
@@ -339,7 +342,9 @@ def _least(aircraft: Aircraft, sensed: Iterable[str]) -> dict[str, float]:
     for control in aircraft.controls:
         own = [one.time_constant for one in aircraft.servos if one.surface in control.mix]
         least[f"lag.{control.name}"] = -max(own, default=0.0)
-    return least
+        play = [one.backlash for one in aircraft.servos if one.surface in control.mix]
+        least[f"backlash.{control.name}"] = -max(play, default=0.0)
+    return least | {"wash": 0.0} | {f"stall.{knot:.4g}": 0.0 for knot in stall.CAUSE.places}
 
 
 def with_term(found: Quantities, coefficient: str, text: str, *, sigma: float) -> Quantities:

@@ -71,6 +71,22 @@ def means(found: Quantities) -> Means:
     return Means(values, sensors, departures.none(found.aircraft, len(found.servos)))
 
 
+def test_what_takes_lift_or_gives_play_cannot_do_less_than_nothing(aircraft) -> None:
+    """A lift slope that grew by 0.73 beyond 0.1 rad was named a stall, beside late commands."""
+    stiff = built(aircraft)
+    first, *others = aircraft.servos
+    loose = built(replace(aircraft, servos=(replace(first, backlash=0.01), *others)))
+    moved = {one.name for one in aircraft.controls if first.surface in one.mix}
+    assert moved
+    for each in quantities.candidates(CAUSES, stiff):
+        for name in each.frees:
+            if each.cause.name in ("stall", "propwash"):
+                assert stiff.least[name] == 0.0
+            elif name.startswith("backlash."):
+                own = 0.01 if name.removeprefix("backlash.") in moved else 0.0
+                assert (stiff.least[name], loose.least[name]) == (0.0, -own)
+
+
 def test_a_wind_that_hardly_blows_grows_with_nothing(aircraft) -> None:
     def named(wind: float) -> set[str]:
         return {one.cause.name for one in quantities.candidates(CAUSES, built(aircraft, wind=wind))}
