@@ -115,8 +115,8 @@ class _AskedFor(NamedTuple):
     gained: float
 
 
-class _Begun(NamedTuple):
-    """A search with a missing term, as far as it went.
+class _TermTried(NamedTuple):
+    """Flights searched with a missing term, as far as that went.
 
     Attributes:
         missing: the term.
@@ -162,7 +162,7 @@ class Inquiry:
         self._right = self._overshot = False
         self.outdone = False
         self._asked_for: _AskedFor | None = None
-        self._begun: _Begun | None = None
+        self._term_tried: _TermTried | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -213,12 +213,12 @@ class Inquiry:
             sets: times that instruments are used at most.
         """
         telling = self.telling(f"trying {missing.coefficient} {missing.key}", turn)
-        if self._begun is None or self._begun.missing is not missing:
+        if self._term_tried is None or self._term_tried.missing is not missing:
             wider = self._asked.question(self.reached, missing).as_late_as(self.question)
             start, near = self.question.carried(self.standing.settled, wider, missing), None
             relations = wider.relations(start)
         else:
-            _, wider, near = self._begun
+            _, wider, near = self._term_tried
             start, relations = near.settled, near.relations
         if near is None or not near.ended:
             near = wider.answered(
@@ -227,7 +227,7 @@ class Inquiry:
                 near=near,
                 sets=sets,
             )
-        self._begun = _Begun(missing, wider, near)
+        self._term_tried = _TermTried(missing, wider, near)
         return wider, near
 
     def _without_a_cause(self, turn: int) -> float:

@@ -81,7 +81,7 @@ def test_a_search_with_a_term_goes_on_where_it_was_left(*, rests: bool) -> None:
         for ended in (rests, True)
     )
     wider.answered.side_effect = [first, second]
-    inquiry = Mock(spec=Inquiry, reached={}, _begun=None)
+    inquiry = Mock(spec=Inquiry, reached={}, _term_tried=None)
     inquiry._asked = Mock(spec=Asked)
     inquiry._asked.question.return_value = wider
     inquiry.standing, inquiry.question = answer(0.0), Mock(spec=Question)
