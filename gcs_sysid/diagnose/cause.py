@@ -42,7 +42,8 @@ class Cause:
         name: its identifier.
         parameters: what it frees.
         explanation: one line for an engineer; `{NAME}` is a parameter, `{change}` the first one's
-            change in percent, `{about}` what the cause is about.
+            change in percent, `{about}` what the cause is about; `explanation.Signed` has words
+            for signs.
         shown_by: what to fly to tell it from others.
         about: of what there are several, so that the cause counts once for each.
         where: name of a parameter in which nothing is linear, such as where a stall begins: the

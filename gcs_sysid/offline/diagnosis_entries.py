@@ -10,6 +10,7 @@ from gcs_sysid.diagnose.aided.power import Power
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.explanation import explained
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from gcs_sysid.diagnose.unlisted import Missing
 from gcs_sysid.diagnose.verdict import INCREDIBLE, Verdict
@@ -48,7 +49,7 @@ def verdict(
         "verdict": answer.answer,
         "cause": best.names[0] if named else "unlisted" if missing else "none",
         "probability": probability,
-        "explanation": [_explained(one, own) for one, own in pairs(best)] if named else [],
+        "explanation": [explained(one, own) for one, own in pairs(best)] if named else [],
         "indistinguishable": list(dict.fromkeys(rivals)),
         "sure": [one.cause.name for one in answer.sure] if named else [],
         "separating_maneuver": _separating(answer),
@@ -68,17 +69,6 @@ def verdict(
 def pairs(item: Ranked) -> list[tuple[Candidate, tuple[Estimate, ...]]]:
     """Every cause of a set with the estimates of its parameters."""
     return list(zip(item.causes, item.estimates, strict=True))
-
-
-def _explained(candidate: Candidate, estimates: Sequence[Estimate]) -> str:
-    """The cause's line for an engineer, with its numbers."""
-    first = estimates[0]
-    values = {estimate.name: estimate.value for estimate in estimates}
-    change = 100.0 * (first.value - first.nominal)
-    about = candidate.about
-    if candidate.also:
-        about = f"{about} (and the {' and the '.join(candidate.also)}, by the same servos)"
-    return candidate.cause.explanation.format(**values, change=change, about=about)
 
 
 def _separating(answer: Verdict) -> str | None:

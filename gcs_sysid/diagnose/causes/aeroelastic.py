@@ -9,8 +9,8 @@ CAUSE = Cause(
         # At which dynamic pressure the file is right, nobody says.
         Parameter("level", "effectiveness.{about}", nominal=1.0, sigma=0.2, matters=0.2, unit="1"),
     ),
-    explanation="the {about} changes its effect by {loss:+.2f} with each doubling of the dynamic "
-    "pressure, and has {level:.2f} of the file's at the usual one: something bends",
+    explanation="with each doubling of the dynamic pressure the {about} {loss:|gains|loses} "
+    "{loss:.2f||} of its effect, and has {level:.2f} of the file's at the usual one: it bends",
     shown_by="multisine on that control at three airspeeds",
     about="control",
 )

@@ -7,8 +7,8 @@ CAUSE = Cause(
     parameters=(
         Parameter("cg_x_chord", "cg.x", nominal=0.0, sigma=0.08, matters=0.03, unit="mean chords"),
     ),
-    explanation="the centre of gravity is {cg_x_chord:+.3f} mean chords forward of where the file "
-    "has it: the pitching moment is off by the lift, the yawing moment by the side "
-    "force, at one arm",
+    explanation="the centre of gravity is {cg_x_chord:.3f| mean chords forward| mean chords aft} "
+    "of where the file has it: the pitching moment is off by the lift, the yawing moment by the "
+    "side force, at one arm",
     shown_by="elevator multisine and rudder doublets at three airspeeds",
 )

@@ -9,8 +9,9 @@ CAUSE = Cause(
         Parameter("tilt", "thrust_tilt", nominal=0.0, sigma=0.05, matters=0.05, unit="rad"),
         Parameter("torque", "torque", nominal=0.0, sigma=0.03, matters=0.03, unit="1"),
     ),
-    explanation="the thrust acts {z:+.3f} m lower, points up by {tilt:+.3f} rad and rolls by "
-    "{torque:+.3f} of itself times the span, which the file does not say",
+    explanation="the thrust acts {z:.3f| m lower| m higher} than the file says, points "
+    "{tilt:.3f| rad further up| rad further down}, and its torque is {torque:+.3f} of itself times "
+    "the span",
     shown_by="throttle doublets with the controls held",
     needs="engine",
 )

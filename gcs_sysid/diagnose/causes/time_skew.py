@@ -7,7 +7,7 @@ CAUSE = Cause(
     parameters=(
         Parameter("delay", "skew.{about}", nominal=0.0, sigma=0.08, matters=0.05, unit="s"),
     ),
-    explanation="{about} comes {delay:+.3f} s late: it looks like damping that grows with"
+    explanation="{about} comes {delay:.3f| s late| s early}: it looks like damping that grows with"
     " frequency",
     shown_by="multisines over a decade of frequency on each control",
     about="stream",
