@@ -15,10 +15,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import jax
 
 from gcs_sysid.cli import numerics
+from tests import cores
 
 MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
+cores.one_each()
 numerics.compile_quickly()
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -18,6 +18,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 from gcs_sysid.aircraft import COEFFICIENTS
+from tests import cores
 
 ROOT = Path(__file__).resolve().parents[2]
 FLIGHTS = ROOT / "data" / "flights"
@@ -31,7 +32,14 @@ def gcs_sysid(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]
     command = [sys.executable, "-m", "gcs_sysid", *map(str, arguments)]
     environment = os.environ | {"PYTHONWARNINGS": "error::RuntimeWarning"}
     return subprocess.run(
-        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=800, check=False
+        command,
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=800,
+        check=False,
+        preexec_fn=cores.every_one,
     )
 
 
