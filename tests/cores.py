@@ -7,19 +7,30 @@ a seventh less time. What is to run as its users run it is given all of them bac
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 WORKER = "PYTEST_XDIST_WORKER"
+EVERY = frozenset(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else frozenset()
+"""What the process had before a worker was given one; empty where a system offers no choice."""
 
 
 def one_each() -> None:
     """Gives a worker, and all that it starts, one core; to be called before JAX looks for them."""
     worker = os.environ.get(WORKER, "").removeprefix("gw")
-    if worker and hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[int(worker) % len(cores)]})
+    if worker and EVERY:
+        os.sched_setaffinity(0, {sorted(EVERY)[int(worker) % len(EVERY)]})
 
 
-def every_one() -> None:
-    """Gives the process all cores, as it would have them without a worker around it."""
-    if os.environ.get(WORKER) and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+@contextmanager
+def every_one() -> Iterator[None]:
+    """What is started here has all cores, as it would have them without a worker around it."""
+    if not EVERY:
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, EVERY)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

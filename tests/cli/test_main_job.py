@@ -31,16 +31,16 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 def gcs_sysid(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "gcs_sysid", *map(str, arguments)]
     environment = os.environ | {"PYTHONWARNINGS": "error::RuntimeWarning"}
-    return subprocess.run(
-        command,
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=800,
-        check=False,
-        preexec_fn=cores.every_one,
-    )
+    with cores.every_one():
+        return subprocess.run(
+            command,
+            cwd=cwd,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=800,
+            check=False,
+        )
 
 
 @pytest.fixture(scope="module")
