@@ -1,7 +1,7 @@
 """Which of the machine's cores a test's process has.
 
-Programs of two workers that each use both cores get in each other's way; with a core each they take
-a seventh less time. What is to run as its users run it is given all of them back.
+Programs of two workers that each use both cores get in each other's way; with a core each the
+whole suite took 6 % less time (by hand). What is to run as users run it is given all of them back.
 """
 
 from __future__ import annotations
