@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from gcs_sysid.report.numbers import probability
+
 Document = Mapping[str, Any]
 
 ANGLES = ("alpha", "beta", "roll", "pitch", "yaw")
@@ -137,7 +139,7 @@ def _cause(one: Mapping[str, Any]) -> str:
         size, band, unit = math.degrees(size), math.degrees(band), "deg"
     words = f"{one['cause']} {one['about']}".strip()
     told = _number(size, band) + (f" {unit}" if unit != "1" else "")
-    return f"{words} {told} ({100.0 * one['probability']:.0f} %)"
+    return f"{words} {told} ({probability(one['probability'])})"
 
 
 def _maneuver(one: Mapping[str, Any]) -> str:

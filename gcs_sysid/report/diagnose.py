@@ -12,7 +12,7 @@ from gcs_sysid.figures import diagnosis
 from gcs_sysid.figures.data import Span
 from gcs_sysid.report import sheet
 from gcs_sysid.report.findings import Finding
-from gcs_sysid.report.numbers import for_people, number, plus_minus, power_of_ten
+from gcs_sysid.report.numbers import for_people, number, plus_minus, power_of_ten, probability
 from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
@@ -84,7 +84,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))
     if summary.get("followed", True):
         others = [item for item in summary["ranking"][1:4]]
-        words = "; ".join(f"{item['label']} {100.0 * item['probability']:.0f} %" for item in others)
+        words = "; ".join(f"{item['label']} {probability(item['probability'])}" for item in others)
         found.append(Finding("Else", f"{words}."))
     elif summary["stands_out"]:
         words = ", ".join(f"{one['label']} {_off(one)[0]}" for one in summary["stands_out"])
@@ -135,7 +135,7 @@ def _shown_from(entry: Mapping) -> float:
 
 def _perhaps(causes: Mapping) -> str:
     """What may be at work beside what is sure."""
-    words = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in causes.items())
+    words = ", ".join(f"{name} {probability(share)}" for name, share in causes.items())
     return f"beside what is sure, by its probability: {words}."
 
 
@@ -191,10 +191,10 @@ def _gained_in_flight(gain: Mapping) -> str:
 
 def _said(summary: Mapping) -> str:
     """The verdict as a sentence."""
-    percent = f"{100.0 * summary['probability']:.0f} %"
+    probable = probability(summary["probability"])
     match summary["verdict"]:
         case "effect":
-            return f"{summary['ranking'][0]['label']}, probability {percent}."
+            return f"{summary['ranking'][0]['label']}, probability {probable}."
         case "ambiguous":
             every, sure = summary["indistinguishable"], summary["sure"]
             rest = " or ".join(one for one in every if one not in sure)
@@ -331,7 +331,7 @@ def _ranking(summary: Mapping) -> Table:
         tuple(
             (
                 item["label"],
-                f"{100.0 * item['probability']:.1f} %",
+                probability(item["probability"]),
                 number(item["log_bayes_factor"]),
                 _parameters(item) or "–",
             )

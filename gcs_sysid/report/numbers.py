@@ -57,6 +57,16 @@ def quantity(value: float | None, half: float | None, unit: str) -> str:
     return f"{plus_minus(shown, around)} {name}".strip()
 
 
+def probability(share: float) -> str:
+    """In percent, never as certain: "97 %", "99.6 %", "> 99.9 %", "< 0.1 %"."""
+    percent = 100.0 * share
+    if percent > 99.9:
+        return "> 99.9 %"
+    if percent < 0.1:
+        return "< 0.1 %"
+    return f"{percent:.{0 if 1.0 <= percent <= 99.0 else 1}f} %"
+
+
 def duration(seconds: float) -> str:
     """Minutes and seconds, for instance "9 min 12 s"; tenths below ten seconds."""
     if seconds < 9.95:

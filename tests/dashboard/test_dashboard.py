@@ -62,7 +62,7 @@ def live(**parts: object) -> dict:
             "Cm": {"since_us": -2_999_999, "size": 0.3, "deviations": 5.0, "derivative": "<q>"},
         },
         "causes": [
-            {"cause": "surface_effectiveness", "about": "<i>elevator</i>", "probability": 0.973,
+            {"cause": "surface_effectiveness", "about": "<i>elevator</i>", "probability": 0.9996,
              "log_bayes_factor": 9.0, "size": -0.346, "sd": 0.02, "unit": "1"},
             {"cause": "cg_shift", "about": "", "probability": 0.02,
              "log_bayes_factor": 4.0, "size": -0.0622, "sd": 0.004, "unit": "mean chords forward"},
@@ -319,7 +319,7 @@ def _shows_the_document(browser: Browser, folder: Path) -> None:
     assert "The vehicle refuses AOA_SSA." in seen
     assert "VFR_HUD repeats itself for 4 s and is left out." in seen
     # −0.346 ± 1.96 · 0.02, in percent; a shift in mean chords.
-    assert "effect of the &lt;i&gt;elevator&lt;/i&gt;: -34.6 ± 3.9 % (97 %)" in seen
+    assert "effect of the &lt;i&gt;elevator&lt;/i&gt;: -34.6 ± 3.9 % (&gt; 99.9 %)" in seen
     assert "centre of gravity: -0.0622 ± 0.0078 mean chords forward (2 %)" in seen
     assert "Maneuver 3: elevator, 8 s" in seen
     assert "STOP: known to 10 %" in seen

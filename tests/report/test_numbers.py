@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_sysid.report.numbers import duration, for_people, number, plus_minus, quantity
+from gcs_sysid.report.numbers import duration, for_people, number, plus_minus, probability, quantity
 
 finite = st.floats(-1e9, 1e9).filter(lambda value: value == 0.0 or abs(value) > 1e-9)
 SUPERSCRIPTS = str.maketrans("\u207b⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -101,6 +101,23 @@ def test_a_quantity_carries_its_unit() -> None:
     assert quantity(0.031, 0.006, "1") == "3.10 ± 0.60 %"
     assert quantity(None, 1.0, "m/s") == "\u2013"
     assert quantity(2.0, None, "m/s") == "2.00 ± ? m/s"
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (1.0, "> 99.9 %"),
+        (0.9996, "> 99.9 %"),
+        (0.9982, "99.8 %"),
+        (0.989, "99 %"),
+        (0.47, "47 %"),
+        (0.0099, "1.0 %"),
+        (0.0004, "< 0.1 %"),
+        (0.0, "< 0.1 %"),
+    ],
+)
+def test_no_probability_is_told_as_certain(share: float, words: str) -> None:
+    assert probability(share) == words
 
 
 @pytest.mark.parametrize(

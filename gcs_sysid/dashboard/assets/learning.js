@@ -11,11 +11,18 @@ function sized(cause) {
   const unit = cause.unit === "rad" ? "°" : by === 100 ? "%" : cause.unit === "1" ? "" : cause.unit;
   return `${by * cause.size > 0 ? "+" : ""}${told(by * cause.size, by * cause.sd)} ${unit}`;
 }
+// Nothing is certain: "97 %", "99.6 %", "> 99.9 %".
+function probable(share) {
+  const percent = 100 * share;
+  if (percent > 99.9) return "> 99.9 %";
+  if (percent < 0.1) return "< 0.1 %";
+  return `${percent.toFixed(percent < 1 || percent > 99 ? 1 : 0)} %`;
+}
 function causes(live) {
   const list = live.causes || [];
   at("causes").hidden = !list.length;
   at("causes").querySelector("ol").replaceChildren(...list.map(one => cell("li",
-    `${[CAUSES[one.cause] || one.cause, one.about].join(" ").trim()}: ${sized(one)} (${(100 * one.probability).toFixed(0)} %)`)));
+    `${[CAUSES[one.cause] || one.cause, one.about].join(" ").trim()}: ${sized(one)} (${probable(one.probability)})`)));
 }
 function suggested(live) {
   const list = live.suggestions || [];
