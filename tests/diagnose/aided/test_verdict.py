@@ -17,6 +17,9 @@ from gcs_sysid.diagnose.evidence import Information, Posterior, information
 from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 
+SERVOS = (("actuator_lag", "rudder"), ("actuator_rate_limit", "rudder"))
+STALL = CAUSES["stall"]
+
 
 def judged(found: Information) -> tuple[verdict.Verdict, tuple[Ranked, ...]]:
     ranked = rank(found, listed(), EVERY)
@@ -50,7 +53,8 @@ def test_two_at_once_are_both_named() -> None:
 
 def some(names: tuple[str, ...], probability: float, evidence: float) -> Ranked:
     """A set of causes by what the verdict asks of it."""
-    causes = tuple(one for one in EVERY if one.cause.name in names)
+    every = (*EVERY, *(Candidate(CAUSES[name], about) for name, about in SERVOS), Candidate(STALL))
+    causes = tuple(one for one in every if one.cause.name in names)
     return Ranked(causes, 0.1, probability, evidence, (), Posterior(np.zeros(1), np.eye(1), 0.0))
 
 
@@ -105,6 +109,31 @@ def test_of_many_things_at_work_those_are_named_that_are_sure() -> None:
     assert set(answer.perhaps) == set(others)
     # Of few it may be one or the other.
     assert verdict.judge((*sets[:2], bare), (True,)).answer == "ambiguous"
+
+
+def test_nobody_is_named_for_a_size_that_may_be_none() -> None:
+    both = some(("mass", "actuator_lag"), 0.9, 41.0)
+    sizes = {"mass": Estimate("mass_ratio", 1.12, 0.01, "1", 1.0)}
+    sizes["actuator_lag"] = Estimate("time_constant", -0.043, 0.043, "s", 0.0)
+    both = replace(both, estimates=tuple((sizes[name],) for name in both.names))
+    answer = verdict.judge((both, some((), 0.05, 0.0)), ())
+    assert (answer.answer, answer.best.names) == ("effect", ("mass",))
+    assert [one.cause.name for one in answer.perhaps] == ["actuator_lag"]
+    alone = some(("actuator_lag",), 0.9, 41.0)
+    alone = replace(alone, estimates=((sizes["actuator_lag"],),))
+    assert verdict.judge((alone, some((), 0.05, 0.0)), ()).answer == "insufficient_data"
+
+
+def test_where_something_begins_is_no_size() -> None:
+    place = Estimate("alpha_break", 0.12, 0.004, "rad", 0.0)
+    loss = Estimate("slope_loss", 0.1, 0.2, "1", 0.0)
+    stalls = replace(some(("stall",), 0.9, 41.0), estimates=((place, loss),))
+    assert verdict.judge((stalls,), ()).answer == "insufficient_data"
+    stalls = replace(stalls, estimates=((place, replace(loss, value=0.6)),))
+    assert verdict.judge((stalls,), ()).answer == "effect"
+    limit = Estimate("rate_limit", 1.0, 0.9, "rad/s", 0.0)
+    limited = replace(some(("actuator_rate_limit",), 0.9, 41.0), estimates=((limit,),))
+    assert verdict.judge((limited,), ()).answer == "effect"
 
 
 def test_what_explains_nothing_is_no_rival_however_usual_it_is() -> None:
