@@ -18,8 +18,8 @@ Change = Callable[[Servo, float], Servo]
 
 
 def lag(more: float) -> Change:
-    """A time constant longer by so much [s]."""
-    return lambda servo, share: replace(servo, time_constant=servo.time_constant + more)
+    """A time constant longer by so much [s], or shorter as far as there is one."""
+    return lambda servo, share: replace(servo, time_constant=max(servo.time_constant + more, 0.0))
 
 
 def backlash(width: float) -> Change:

@@ -402,7 +402,7 @@ class Inquiry:
         acting = _acting(self.question.listed, trial.causes)
         for _ in range(0 if self._overshot else RESIZED):
             own = _freed(asking.listed, trial.causes, _found(asking.listed, trial, accuracy))
-            nearer = quantities.servo_sizes(own, sizes, ROUGHLY, acting)
+            nearer = quantities.servo_sizes(own, sizes, ROUGHLY, acting, asking.listed.least)
             if nearer is None:
                 break
             there = self._reckoned(nearer, acting).at_delays_of(trial.causes)
@@ -510,7 +510,7 @@ def _sizes(
             these stay. What is wrong beside a lag can make it seem longer wherever it is taken.
     """
     own = _freed(listed, best.causes, best.posterior.mean)
-    sizes = quantities.servo_sizes(own, reached, acting=listed.acting)
+    sizes = quantities.servo_sizes(own, reached, acting=listed.acting, least=listed.least)
     if sizes is None or not overshot:
         return sizes
     kept = {**sizes, **reached}

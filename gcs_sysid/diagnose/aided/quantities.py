@@ -35,6 +35,8 @@ EARLY = 0.03
 """So much earlier than an inertial unit that low-pass filters its own a message may seem [s]."""
 LEAST = 0.2
 """Share of these below which a servo's change is as good as a line."""
+NEXT_TO_NONE = 0.9
+"""Share of a servo's lag in the file by which it is less at most."""
 NEARLY = 0.02
 """Share within which the size at which a servo's change was taken is right."""
 GROWS = {"lag": 1.8, "backlash": 1.0, "skew": 1.0}
@@ -250,7 +252,7 @@ def build(
         name.partition(".")[2]: (None,) for name in found if name.startswith("skew.")
     }
     streams[SERVO_STREAM] = (SKEW, -SKEW)
-    servos = _Servos([], acting, {}, aircraft)
+    servos, least = _Servos([], acting, {}, aircraft), _least(aircraft, late)
     beside: dict[str, str] = {}
     for place in (SKEW, -SKEW):
         name = f"skew.{SERVO_STREAM}.{place:.4g}"
@@ -266,7 +268,7 @@ def build(
         same = servo_changes.together(aircraft, control)
         rate = max(flown.rates[name] for name in same)
         lag, play = (
-            max(known.get(f"{kind}.{control}", usual), LEAST * usual)
+            _possible(known.get(f"{kind}.{control}", usual), usual, least[f"{kind}.{control}"])
             for kind, usual in SERVO.items()
         )
         kinds = {
@@ -318,7 +320,7 @@ def build(
         sizes,
         frozenset(has),
         streams,
-        _least(aircraft, late),
+        least,
         frozenset(frozenset({"airspeed_lag", name}) for name in lagging),
         beside,
         servos.sizes,
@@ -360,6 +362,7 @@ def servo_sizes(
     before: Mapping[str, float],
     within: float = NEARLY,
     acting: Collection[str] = (),
+    least: Mapping[str, float] | None = None,
 ) -> dict[str, float] | None:
     """Lags, play and delays among values of quantities, where they are not what was reckoned with.
 
@@ -370,6 +373,8 @@ def servo_sizes(
         before: what was reckoned with.
         within: share within which that is right.
         acting: what was told by what more of it does where it is: it is as much as was found.
+        least: what cannot be less, by quantity: a servo may lag by less than its file says; None
+            where nothing can.
 
     Returns:
         What to reckon with, as `reached` of `build`; None if what it was is near enough.
@@ -380,10 +385,15 @@ def servo_sizes(
         if usual is None:
             continue
         known = before.get(name, usual)
-        share = max(value / known, LEAST * usual / known)
-        if abs(share - 1.0) > within:
-            grown = share if name in acting else share ** GROWS[name.partition(".")[0]]
-            wanted[name] = known * min(max(grown, 0.25), 2.0)
+        possible = _possible(value, usual, (least or {}).get(name, 0.0))
+        share = possible / known
+        if share < 0.0:
+            wanted[name] = possible
+        elif abs(share - 1.0) > within:
+            line = name in acting or possible * usual < 0.0
+            grown = share if line else share ** GROWS[name.partition(".")[0]]
+            size = known * min(max(grown, 0.25), 2.0)
+            wanted[name] = LEAST * usual if 0.0 < size / usual < LEAST else size
     return {**before, **wanted} if wanted else None
 
 
@@ -404,6 +414,19 @@ def servo_doubt(
     size = reached.get(name, usual)
     off = min(abs(value - size), abs(value))
     return off * min(off / abs(size), 1.0) if name in acting else off
+
+
+def _possible(size: float, usual: float, least: float) -> float:
+    """At which size the change of a servo's quantity is taken, where one is found.
+
+    Where there is little of it, or would be less than nothing, at a small one: that is as good as a
+    line. Of a lag that is less than the file's some is always left.
+    """
+    slight = LEAST * usual
+    if size / usual >= LEAST:
+        return size
+    there = max(size, NEXT_TO_NONE * least)
+    return there if there < 0.0 < usual and there <= -slight else slight
 
 
 def _usual(name: str) -> float | None:

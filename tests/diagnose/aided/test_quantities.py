@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -354,18 +355,35 @@ def test_lags_are_taken_where_they_are_and_more_is_looked_for_where_more_was_fou
     assert twice == pytest.approx({**first, "backlash.rudder": 0.05})
 
 
+def test_a_lag_is_less_than_the_files_as_far_as_that_has_one() -> None:
+    name, stated = "lag.elevator", {"lag.elevator": -0.14}
+    sizes = partial(quantities.servo_sizes, least=stated)
+    assert sizes({name: -0.05}, {}) == {name: pytest.approx(-0.05)}
+    assert sizes({name: -0.06}, {name: -0.05}) == {name: pytest.approx(-0.06)}
+    assert sizes({name: -0.05}, {name: -0.05}) is None
+    assert sizes({name: -0.5}, {}) == {name: pytest.approx(-0.126)}
+    # Slightly less is as good as a line, and more after all is taken where it is.
+    assert sizes({name: -0.01}, {name: 0.03}) == {name: pytest.approx(0.02)}
+    assert sizes({name: 0.08}, {name: -0.05}) == {name: pytest.approx(0.08)}
+    # A servo that does not lag cannot lag less.
+    assert quantities.servo_sizes({name: -0.05}, {name: 0.03}) == {name: pytest.approx(0.02)}
+
+
 @pytest.mark.parametrize(
     ("change", "name", "true"),
     [
         (servo_changes.lag, "lag.elevator", 0.2),
         (servo_changes.lag, "lag.elevator", 0.06),
+        (servo_changes.lag, "lag.elevator", -0.08),
         (servo_changes.backlash, "backlash.elevator", 0.035),
         (servo_changes.backlash, "backlash.elevator", 0.012),
     ],
 )
 def test_a_few_rounds_find_a_servo_as_it_is(change, name: str, true: float) -> None:
     """Least squares on what the elevator did, with the change taken where the last round ended."""
-    aircraft = aircraft_file.load(DATA / "aerosonde.toml")
+    plain = aircraft_file.load(DATA / "aerosonde.toml")
+    slow = [replace(one, time_constant=0.14) if true < 0.0 else one for one in plain.servos]
+    aircraft = replace(plain, servos=tuple(slow))
     time = 0.02 * np.arange(3000)
     swing = sum(np.sin(2.0 * np.pi * rate * time + 3.0 * rate**2) for rate in (0.2, 0.7, 1.3, 2.1))
     pulses = {servo.channel: 1500.0 + 45.0 * swing for servo in aircraft.servos}
@@ -380,7 +398,7 @@ def test_a_few_rounds_find_a_servo_as_it_is(change, name: str, true: float) -> N
         size = reached.get(name, quantities.SERVO[name.partition(".")[0]])
         along = moved(servo_changes.changed(aircraft, "elevator", change(size))) - still
         found = {name: size * (along @ did) / (along @ along)}
-        reached = quantities.servo_sizes(found, reached) or {name: size}
+        reached = quantities.servo_sizes(found, reached, least={name: -0.14}) or {name: size}
     assert reached[name] == pytest.approx(true, rel=0.05)
 
 
