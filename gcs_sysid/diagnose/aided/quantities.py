@@ -38,7 +38,7 @@ LEAST = 0.2
 NEXT_TO_NONE = 0.9
 """Share of a servo's lag in the file by which it is less at most."""
 HALF = 0.5
-"""And at first: begun at next to none, 0.11 s less came out as 0.154, 31 nats below what is there."""
+"""And at first: begun at next to none, 0.11 s less came out as 0.154, 31 nats below what is so."""
 NEARLY = 0.02
 """Share within which the size at which a servo's change was taken is right."""
 GROWS = {"lag": 1.8, "backlash": 1.0, "skew": 1.0}
