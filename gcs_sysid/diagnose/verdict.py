@@ -106,8 +106,7 @@ def _told(named: Ranked) -> set[Candidate]:
     """Causes whose size is another than none, as stated: of several parameters, one at least.
 
     A rudder that was named for a lag of −0.043 ± 0.043 s stood in for three smaller things, which
-    cost more beforehand. Lags that are less than the file's are weighed as if they were slight,
-    and stated as uncertain.
+    cost more beforehand. What was weighed at another size than it has is stated as that uncertain.
     """
     found = set(named.causes)
     for one, estimates in zip(named.causes, named.estimates, strict=False):

@@ -390,9 +390,11 @@ def servo_sizes(
         lowest = (least or {}).get(name, 0.0)
         possible = _possible(value, usual, lowest)
         share = possible / known
-        if share < 0.0:
+        if share < 0.0 and possible * usual < 0.0:
             # From where a lag is longer, what a shorter one does is overrated.
-            wanted[name] = max(possible, HALF * lowest) if possible < 0.0 < usual else possible
+            wanted[name] = max(possible, min(HALF * lowest, -LEAST * usual))
+        elif share < 0.0:
+            wanted[name] = possible
         elif abs(share - 1.0) > within:
             line = name in acting or possible * usual < 0.0
             grown = share if line else share ** GROWS[name.partition(".")[0]]

@@ -364,6 +364,8 @@ def test_a_lag_is_less_than_the_files_as_far_as_that_has_one() -> None:
     assert sizes({name: -0.5}, {name: -0.1}) == {name: pytest.approx(-0.126)}
     # From where it is longer, what a shorter one does is overrated: half of it goes at first.
     assert sizes({name: -0.5}, {}) == {name: pytest.approx(-0.07)}
+    short = quantities.servo_sizes({name: -0.5}, {}, least={name: -0.03})
+    assert short == {name: pytest.approx(-0.02)}
     # Slightly less is as good as a line, and more after all is taken where it is.
     assert sizes({name: -0.01}, {name: 0.03}) == {name: pytest.approx(0.02)}
     assert sizes({name: 0.08}, {name: -0.05}) == {name: pytest.approx(0.08)}
