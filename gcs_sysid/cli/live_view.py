@@ -10,8 +10,6 @@ from typing import Any
 
 import click
 
-from gcs_sysid.report.numbers import probability
-
 Document = Mapping[str, Any]
 
 ANGLES = ("alpha", "beta", "roll", "pitch", "yaw")
@@ -134,6 +132,8 @@ def _by(departure: Mapping[str, Any]) -> str:
 
 def _cause(one: Mapping[str, Any]) -> str:
     """A likely cause with its size, its interval and its probability."""
+    from gcs_sysid.report.numbers import probability
+
     size, band, unit = one["size"], BAND * one["sd"], one["unit"]
     if unit == "rad":
         size, band, unit = math.degrees(size), math.degrees(band), "deg"
