@@ -31,6 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
+from gcs_sysid.report.numbers import probability  # noqa: E402 - found from ROOT
 from tests.benchmarks import table  # noqa: E402 - found from ROOT
 from tests.benchmarks.arduplane import EAS2TAS, FOLDER  # noqa: E402 - found from ROOT
 
@@ -206,7 +207,7 @@ def row(name: str, found: dict[str, Any]) -> tuple[str, ...]:
         for key, truth in fault.truth.items()
         if key in best["parameters"] and fault.cause in named
     ]
-    perhaps = ", ".join(f"{key} {100.0 * value:.0f} %" for key, value in found["perhaps"].items())
+    perhaps = ", ".join(f"{key} {probability(value)}" for key, value in found["perhaps"].items())
     return (
         " ".join((name, fault.about)).strip(),
         " + ".join(named) or found["verdict"],
