@@ -105,8 +105,8 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
 def _told(named: Ranked) -> set[Candidate]:
     """Causes whose size is another than none, as stated: of several parameters, one at least.
 
-    A rudder that was named for a lag of −0.043 ± 0.043 s stood in for three smaller things, which
-    cost more beforehand. What was weighed at another size than it has is stated as that uncertain.
+    A rudder that was named for a lag of −0.043 ± 0.043 s stood in for a mass and an airspeed,
+    which cost more beforehand. What was weighed at another size than it has is stated as that uncertain.
     """
     found = set(named.causes)
     for one, estimates in zip(named.causes, named.estimates, strict=False):
