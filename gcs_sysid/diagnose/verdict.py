@@ -106,7 +106,7 @@ def _told(named: Ranked) -> set[Candidate]:
     """Causes whose size is another than none, as stated: of several parameters, one at least.
 
     A rudder that was named for a lag of −0.043 ± 0.043 s stood in for a mass and an airspeed,
-    which cost more beforehand. What was weighed at another size than it has is stated as that uncertain.
+    which cost more beforehand. What was weighed at another size than it has is stated as unsure.
     """
     found = set(named.causes)
     for one, estimates in zip(named.causes, named.estimates, strict=False):
