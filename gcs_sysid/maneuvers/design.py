@@ -16,6 +16,7 @@ from gcs_sysid.maneuvers import axes, envelope, flown, gusts, holding, informati
 from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.envelope import Excursion
 from gcs_sysid.maneuvers.flown import LANES, LEAD, STEP, Drawn, Fleet, Flown, Simulator
+from gcs_sysid.maneuvers.flown_hold import FlownHold
 from gcs_sysid.maneuvers.holding import Linear
 from gcs_sysid.maneuvers.information import Gain, Reach
 from gcs_sysid.maneuvers.knowledge import Added, Knowledge
@@ -163,6 +164,7 @@ def condition(
     gust: float,
     generator: np.random.Generator,
     heard: Spectrum | None = None,
+    hold: FlownHold | None = None,
 ) -> Condition:
     """Everything that maneuvers from one level flight share.
 
@@ -175,8 +177,11 @@ def condition(
         gust: horizontal intensity that is reckoned with [m/s].
         generator: of the gusts.
         heard: how the filter tells of coefficients there; None where least squares do.
+        hold: that the autopilot flew with; where nobody knows, it is as fast as servos allow.
     """
     linear = holding.linearised(aircraft, trim)
+    if hold is not None:
+        linear = hold.on(linear, trim, aircraft.control_names)
     fleet = simulator.settle(flown.lanes(drawn, 0), trim)
     air = _air(aircraft, trim, gust, generator)
     air[:CALM] = 0.0

@@ -106,20 +106,19 @@ def regressors(
     return out | {name: np.asarray(table[name], dtype=float) for name in names if name in table}
 
 
+def beside(model_dir: Path) -> Path | None:
+    """The samples that `identify` writes beside a model; None where they are not there."""
+    paths = (folder / "samples.parquet" for folder in (model_dir, model_dir.parent))
+    return next((path for path in paths if path.is_file()), None)
+
+
 def flown(model_dir: Path, model: AeroModel) -> dict[str, np.ndarray]:
     """Every variable along the flights of a model, and what `traces` needs beside it.
 
     Raises:
         InputError: the samples that `identify` writes beside the model are not there.
     """
-    path = next(
-        (
-            folder / "samples.parquet"
-            for folder in (model_dir, model_dir.parent)
-            if (folder / "samples.parquet").is_file()
-        ),
-        None,
-    )
+    path = beside(model_dir)
     if path is None:
         raise InputError(
             str(model_dir),

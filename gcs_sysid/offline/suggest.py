@@ -21,6 +21,7 @@ from gcs_sysid.maneuvers import design, flown, information, recipes, separation,
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
+from gcs_sysid.maneuvers.flown_hold import FlownHold
 from gcs_sysid.maneuvers.knowledge import Knowledge
 from gcs_sysid.maneuvers.recipes import Recipe
 from gcs_sysid.maneuvers.separation import Separation
@@ -38,6 +39,7 @@ from gcs_sysid.offline import (
     suggestion_files,
     suggestion_flown,
     suggestion_fly,
+    suggestion_hold,
     suggestion_map,
     suggestion_target,
     summary,
@@ -95,8 +97,9 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
     progress("finding level flight", 0.02)
     drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
     sensed = None if stored.sensing is None else stored.sensing.in_gusts(gust["value"])
+    hold = suggestion_hold.found(model_dir, stored.model, aircraft)
     conditions, refused = _conditions(
-        aircraft, stored.model, sensed, drawn, gust["value"], generator, progress
+        aircraft, stored.model, sensed, hold, drawn, gust["value"], generator, progress
     )
     model, target = stored.model, None
     if pair is not None:
@@ -148,6 +151,7 @@ def run(model_dir: Path, question: Question, *, out: Path, progress: Progress) -
         "separate": _separated(model, known, plan, target),
         "region": {name: list(pair) for name, pair in target.region.items()},
         "gust": gust,
+        "hold": suggestion_hold.described(hold, conditions[0]),
         "conditions": [_condition(item) for item in conditions],
         "unsure": unsure,
         "maneuvers": listed,
@@ -219,6 +223,7 @@ def _conditions(
     aircraft: Aircraft,
     model: AeroModel,
     sensed: Sensing | None,
+    hold: FlownHold | None,
     drawn: Drawn,
     gust: float,
     generator: np.random.Generator,
@@ -243,7 +248,7 @@ def _conditions(
             heard = innovation_spectrum.spectrum(aircraft, level, sensed, tuple(model.fits))
         at = design.condition(
             *(aircraft, model, simulator, drawn, level),
-            **{"gust": gust, "generator": generator, "heard": heard},
+            **{"gust": gust, "generator": generator, "heard": heard, "hold": hold},
         )
         limit = design.unsafe_level_flight(at)
         if limit is None:

@@ -150,10 +150,31 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
         Finding(
             "Safe",
             f"each leaves the envelope with probability {number(risk, 2)} at most, in gusts of "
-            f"{number(summary['gust']['value'], 2)} m/s ({summary['gust']['source']}).",
+            f"{number(summary['gust']['value'], 2)} m/s ({summary['gust']['source']}); "
+            f"{_held(summary['hold'])}.",
         )
     )
     return tuple(found)
+
+
+def _held(hold: Mapping) -> str:
+    """How the autopilot is taken to hold the aircraft."""
+    flown = [
+        f"{name} ({100.0 * one['explained']:.0f} % of what it did)"
+        for name, one in hold.items()
+        if one["source"] == "flown"
+    ]
+    assumed = [name for name, one in hold.items() if one["source"] != "flown"]
+    parts = []
+    if flown:
+        parts.append(f"{_listing(flown)} held as the autopilot did in the flights")
+    if assumed:
+        parts.append(f"{_listing(assumed)} held as fast as servos allow (assumed)")
+    return ", ".join(parts)
+
+
+def _listing(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def _unsure(summary: Mapping) -> str:

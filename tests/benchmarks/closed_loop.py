@@ -52,7 +52,13 @@ from gcs_sysid.maneuvers.design import Condition, Maneuver  # noqa: E402
 from gcs_sysid.maneuvers.flown import LANES  # noqa: E402
 from gcs_sysid.maneuvers.knowledge import Added, Knowledge  # noqa: E402
 from gcs_sysid.maneuvers.target import Target  # noqa: E402
-from gcs_sysid.offline import identify, model_store, suggest, suggestion_target  # noqa: E402
+from gcs_sysid.offline import (  # noqa: E402
+    identify,
+    model_store,
+    suggest,
+    suggestion_hold,
+    suggestion_target,
+)
 from gcs_sysid.offline.suggestion_target import Question  # noqa: E402
 from gcs_sysid.sitl import record, scenario  # noqa: E402
 from gcs_sysid.sitl.flight import Flight  # noqa: E402
@@ -343,8 +349,9 @@ def _known(believed: Aircraft, folder: Path, seed: int) -> Known:
     generator = np.random.default_rng(seed)
     drawn = flown.draws(aircraft, stored.model, generator, LANES * design.TRIALS)
     sensed = None if stored.sensing is None else stored.sensing.in_gusts(gust)
+    hold = suggestion_hold.found(folder / "before", stored.model, aircraft)
     conditions, _ = suggest._conditions(
-        aircraft, stored.model, sensed, drawn, gust, generator, _silent
+        aircraft, stored.model, sensed, hold, drawn, gust, generator, _silent
     )
     target = suggestion_target.chosen(stored.model, None, None, {})
     return Known(believed, stored.model, conditions, target, document, folder, seed)
