@@ -27,8 +27,10 @@ TURNED = ("p", "q", "r", "phi", "theta", "psi")
 """What a hold answers to: rates, roll, pitch and heading, the last six of `Linear`'s deviations."""
 LONGITUDINAL, LATERAL = ("q", "theta"), ("p", "r", "phi", "psi")
 """Of these, what controls of pitch and of roll and yaw answer to."""
-HELD = {"pitch": "theta", "roll": "phi", "yaw": "r"}
-"""What the control of an axis holds: whatever pushes away from that is no hold."""
+HELD = {"pitch": ("q", "theta"), "roll": ("p", "phi"), "yaw": ("r",)}
+"""What the control of an axis holds: what pushes away from that is no hold. Under test inputs all
+through a flight controls and motion go together as well, by what the aircraft answers: an aileron
+with the roll rate that it makes."""
 WINDOW = 2.5
 """Length of a window [s]: some periods of what is held, and short beside an autopilot's targets."""
 STRAIGHT, TURNING = 0.25, 0.5
@@ -115,9 +117,11 @@ class FlownHold:
         """Controls whose hold is known, and pushes back what it holds as the assumed one does."""
         found = {}
         for name, one in self.answers.items():
-            held = TURNED.index(HELD[one.axis])
-            pushes = linear.gain[controls.index(name), 3 + held] * one.gain[held] > 0.0
-            if one.told and pushes:
+            held = [TURNED.index(which) for which in HELD[one.axis]]
+            assumed = linear.gain[controls.index(name)][3:][held]
+            pushes = np.sign(assumed) * one.gain[held]
+            # Of rates, as far as is known: next to none is common.
+            if one.told and pushes[-1] > 0.0 and np.all(pushes > -2.0 * one.deviation[held]):
                 found[name] = one
         return found
 

@@ -125,13 +125,26 @@ def test_a_hold_serves_at_other_airspeeds_by_dynamic_pressure() -> None:
 
 
 def test_what_pushes_away_is_no_hold() -> None:
-    """A control that was moved by hand, with the roll: what is assumed stays."""
+    """Nor is an aileron that goes with the roll rate that it makes."""
     made = aircraft()
     level = trim.find(made, 20.0, 100.0, float(atmosphere.density(np.array(100.0))))
     linear = holding.linearised(made, level)
     one = found(flown()).answers["aileron"]
-    away = FlownHold(PRESSURE, {"aileron": one._replace(gain=-one.gain)})
-    np.testing.assert_array_equal(away.on(linear, level, made.control_names).gain, linear.gain)
+    for name in ("p", "phi"):
+        gain = one.gain.copy()
+        gain[flown_hold.TURNED.index(name)] *= -1.0
+        away = FlownHold(PRESSURE, {"aileron": one._replace(gain=gain)})
+        np.testing.assert_array_equal(away.on(linear, level, made.control_names).gain, linear.gain)
+
+
+def test_a_flight_full_of_test_inputs_tells_no_hold() -> None:
+    """Controls and motion go together there, by the aircraft and not by its autopilot."""
+    one = flown(pulses=56, size=0.3)
+    made = aircraft()
+    level = trim.find(made, 20.0, 100.0, float(atmosphere.density(np.array(100.0))))
+    linear = holding.linearised(made, level)
+    told = flown_hold.found(made, AXES, [one])
+    assert told is None or not told.flies(linear, made.control_names)
 
 
 def test_the_made_up_aircraft_is_held_by_what_its_model_says() -> None:
