@@ -139,12 +139,12 @@ def test_what_pushes_away_is_no_hold() -> None:
 
 def test_a_flight_full_of_test_inputs_tells_no_hold() -> None:
     """Controls and motion go together there, by the aircraft and not by its autopilot."""
-    one = flown(pulses=56, size=0.3)
+    one = flown(pulses=56, size=0.1)
     made = aircraft()
     level = trim.find(made, 20.0, 100.0, float(atmosphere.density(np.array(100.0))))
     linear = holding.linearised(made, level)
-    told = flown_hold.found(made, AXES, [one])
-    assert told is None or not told.flies(linear, made.control_names)
+    assert found(one).answers["aileron"].told
+    assert not found(one).flies(linear, made.control_names)
 
 
 def test_the_made_up_aircraft_is_held_by_what_its_model_says() -> None:
