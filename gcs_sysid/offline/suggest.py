@@ -17,7 +17,16 @@ from gcs_sysid.errors import RefusedError, UsageError
 from gcs_sysid.estimate import innovation_spectrum
 from gcs_sysid.estimate.innovation_spectrum import Sensing
 from gcs_sysid.estimate.result import AeroModel
-from gcs_sysid.maneuvers import design, flown, information, recipes, separation, sortie, tuned
+from gcs_sysid.maneuvers import (
+    design,
+    flown,
+    holding,
+    information,
+    recipes,
+    separation,
+    sortie,
+    tuned,
+)
 from gcs_sysid.maneuvers.axes import THROTTLE
 from gcs_sysid.maneuvers.design import Condition, Maneuver, Refusal
 from gcs_sysid.maneuvers.flown import LANES, Drawn, Simulator
@@ -431,10 +440,14 @@ def _listed(
 def _flight(
     item: Maneuver, entry: Mapping[str, Any], conditions: Sequence[Condition], share: float
 ) -> Flight:
-    """A maneuver with what holds the aircraft while it is flown."""
+    """A maneuver with what holds the aircraft while it is flown.
+
+    From the ground that is the hold that is assumed: over a link a tighter one would swing.
+    """
     at = next(one for one in conditions if one.trim.airspeed == item.airspeed)
+    held = holding.linearised(at.aircraft, at.trim)
     return Flight(
-        at.aircraft, at.axes, at.trim, at.linear, item.name, item.added, entry["abort"], share
+        at.aircraft, at.axes, at.trim, held, item.name, item.added, entry["abort"], share
     )
 
 
