@@ -446,9 +446,7 @@ def _flight(
     """
     at = next(one for one in conditions if one.trim.airspeed == item.airspeed)
     held = holding.linearised(at.aircraft, at.trim)
-    return Flight(
-        at.aircraft, at.axes, at.trim, held, item.name, item.added, entry["abort"], share
-    )
+    return Flight(at.aircraft, at.axes, at.trim, held, item.name, item.added, entry["abort"], share)
 
 
 def _unsure(
