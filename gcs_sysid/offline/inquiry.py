@@ -50,6 +50,8 @@ RESIZED = 3
 """Times that the same causes are tried with the sizes of servos' changes moved on."""
 ROUGHLY = 0.03
 """Share within which such a size is right enough to weigh other causes about it."""
+ABOUT = 0.1
+"""Share within which it is right enough to search to the end with."""
 AT_ONCE = 2
 """So many causes more are set free at most where the search without them found no rest."""
 WORTH = 30.0
@@ -333,8 +335,14 @@ class Inquiry:
             asking = self._reckoned(self.reached if sizes is None else sizes, acting)
         asking = asking.at_delays_of(best.causes)
         foretold = listed.alone(best.causes, best.posterior.mean)
+        telling = self.telling("trying", turn)
         near = standing if asking is self.question else None
-        asked_for = [Trial(best.causes, standing.settled, foretold, near)]
+        asking, trial, sizes = self._about_its_size(
+            *(asking, Trial(best.causes, standing.settled, foretold, near)),
+            *(self.reached if sizes is None else sizes, telling, accuracy),
+        )
+        near = standing if asking is self.question else None
+        asked_for = [trial]
         twin = other_names.renamed(best.causes, foretold, listed, self.every)
         if twin is not None and not (
             frozenset(twin.causes) in self._tested or set(self._needed.causes) - set(twin.causes)
@@ -342,7 +350,6 @@ class Inquiry:
             # Not from where they stood: what goes by the one name there would keep it.
             renamed = self.question.at(standing.settled, twin.values)
             asked_for.append(Trial(twin.causes, renamed, None, near))
-        telling = self.telling("trying", turn)
         rivals = [-np.inf]
 
         def rival() -> float:
@@ -358,8 +365,44 @@ class Inquiry:
             return None
         if _acting(listed, trial.causes) and trial.left > QUIET and not trial.ended:
             asking, trial = self._begun_anew(asking, trial, telling, accuracy, sets)
-        moved_on = self._where_it_is(asking, trial, sizes or self.reached, telling, accuracy, sets)
+        moved_on = self._where_it_is(asking, trial, sizes, telling, accuracy, sets)
         return _Tried(*moved_on, twin, won, [frozenset(one.causes) for one in asked_for])
+
+    def _about_its_size(
+        self,
+        asking: Question,
+        trial: Trial,
+        sizes: dict[str, float],
+        telling: Telling,
+        accuracy: float,
+    ) -> tuple[Question, Trial, dict[str, float]]:
+        """The same trial with servos' changes moved on to about their size, begun there.
+
+        A first set of instruments tells that size. Gone into to its end with half of a lag, a
+        search makes up for the other half by all else, which the next one has to take back.
+        """
+        acting = _acting(self.question.listed, trial.causes)
+        if self._overshot or not acting:
+            return asking, trial, sizes
+
+        def searched(question: Question, one: Trial) -> Answer:
+            by = self.standing.relations
+            return question.searched(telling, one, by, self.every, accuracy, 1)
+
+        near = searched(asking, trial)
+        for _ in range(RESIZED):
+            if near.log_likelihood < self.standing.log_likelihood:
+                break
+            own = _freed(asking.listed, trial.causes, _found(asking.listed, near, accuracy))
+            nearer = quantities.servo_sizes(own, sizes, ABOUT, acting, asking.listed.least)
+            if nearer is None:
+                break
+            there = self._reckoned(nearer, acting).at_delays_of(trial.causes)
+            further = searched(there, Trial(trial.causes, near.settled, None, None))
+            if further.log_likelihood < near.log_likelihood:
+                break
+            near, asking, sizes = further, there, nearer
+        return asking, Trial(trial.causes, near.settled, None, near), sizes
 
     def _begun_anew(
         self, asking: Question, trial: Answer, telling: Telling, accuracy: float, sets: int

@@ -323,6 +323,27 @@ class Question:
             )
         return Answer(tuple(named), each, *_summed(self.listed, self.before, each))
 
+    def searched(
+        self,
+        telling: Telling,
+        trial: Trial,
+        relations: Sequence[Relation],
+        every: Sequence[Candidate],
+        accuracy: float,
+        sets: int,
+    ) -> Answer:
+        """Flights searched with one set of causes set free; arguments as for `tried`."""
+        names = " and ".join(each.label for each in trial.causes)
+        return self.answered(
+            lambda text, number: telling(f"{names}, {text}", number),
+            *(trial.causes, trial.start, relations),
+            causes=wherever(trial.causes, every),
+            accuracy=accuracy,
+            moved=trial.moved,
+            near=trial.near,
+            sets=sets,
+        )
+
     def tried(
         self,
         telling: Telling,
@@ -350,24 +371,16 @@ class Question:
                 asked for only where one would go on.
         """
 
-        def searched(trial: Trial, by: Sequence[Relation], most: int) -> Answer:
-            names = " and ".join(each.label for each in trial.causes)
-            return self.answered(
-                lambda text, number: telling(f"{names}, {text}", number),
-                *(trial.causes, trial.start, by),
-                causes=wherever(trial.causes, every),
-                accuracy=accuracy,
-                moved=trial.moved,
-                near=trial.near,
-                sets=most,
-            )
-
         def gone_on(one: Answer) -> Answer:
             telling("working out how errors show there", len(one.each) - 1)
             going_on = Trial(one.causes, one.settled, None, one)
-            return searched(going_on, self.relations(one.settled), sets)
+            by = self.relations(one.settled)
+            return self.searched(telling, going_on, by, every, accuracy, sets)
 
-        begun = [searched(trial, relations, FIRST_SETS) for trial in trials]
+        begun = [
+            self.searched(telling, trial, relations, every, accuracy, FIRST_SETS)
+            for trial in trials
+        ]
         hopeless = max(one.log_likelihood for one in begun) - REFUTED
 
         def goes_on(trial: Trial, one: Answer) -> bool:

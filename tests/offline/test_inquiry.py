@@ -7,21 +7,27 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from gcs_sysid.diagnose.aided import quantities
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.settling import Settled
+from gcs_sysid.estimate.weighed import Relation
+from gcs_sysid.offline import inquiry as module
 from gcs_sysid.offline.inquiry import Inquiry
-from gcs_sysid.offline.question import FIRST_SETS, UNLISTED, Answer, Asked, Question
+from gcs_sysid.offline.question import FIRST_SETS, UNLISTED, Answer, Asked, Question, Trial
 
 LAG = Candidate(CAUSES["actuator_lag"], "elevator", None)
 LOST = RefusedError("flight.tlog", "the simulation lost the aircraft", fix="look")
 
 
 def answer(likelihood: float) -> Answer:
-    return Mock(spec=Answer, log_likelihood=likelihood, causes=(LAG,), each=[None])
+    return Mock(
+        spec=Answer, log_likelihood=likelihood, causes=(LAG,), each=[None], settled=[Mock(Settled)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,6 +49,62 @@ def test_the_likelier_of_where_it_stood_and_where_it_ends_is_taken(
         (trial,) = there.tried.call_args.args[1]
         assert (trial.causes, trial.start, trial.moved, trial.near) == ((LAG,), begun, None, None)
         there.relations.assert_called_once_with(begun)
+
+
+@pytest.mark.parametrize(
+    ("found", "likelihoods", "searched", "ends"),
+    [
+        ((0.2, 0.205), (500.0, 2500.0), 2, 0.2),
+        ((0.105,), (500.0,), 1, 0.1),
+        ((0.2, 0.2), (500.0, 400.0), 2, 0.1),
+        ((0.2,), (-20.0,), 1, 0.1),
+    ],
+    ids=["moved on", "near enough", "less likely there", "worse than without"],
+)
+def test_a_lag_is_moved_on_to_about_its_size_before_its_search_is_gone_into(
+    monkeypatch: pytest.MonkeyPatch,
+    found: tuple[float, ...],
+    likelihoods: tuple[float, ...],
+    searched: int,
+    ends: float,
+) -> None:
+    """With one set of instruments each, of the standing flights' relations."""
+    (name,) = LAG.frees
+    sizes = iter(found)
+    monkeypatch.setattr(module, "_found", lambda *_: None)
+    monkeypatch.setattr(module, "_freed", lambda *_: {name: next(sizes)})
+    asking, relations = Mock(spec=Question), [Mock(spec=Relation)]
+    asking.listed = Mock(spec=Unknowns, names=(f"{quantities.MORE}{name}",), least={})
+    asking.at_delays_of.return_value = asking
+    answers = [answer(likelihood) for likelihood in likelihoods]
+    asking.searched.side_effect = answers
+    standing = answer(0.0)
+    standing.relations = relations
+    inquiry = Mock(spec=Inquiry, every=(LAG,), question=asking, standing=standing, _overshot=False)
+    inquiry._reckoned.return_value = asking
+    trial = Trial((LAG,), [], np.zeros(1), standing)
+    _, going_on, reckoned = Inquiry._about_its_size(
+        inquiry, asking, trial, {name: 0.1}, lambda *_: None, 1.0
+    )
+    assert reckoned == {name: ends}
+    assert asking.searched.call_count == searched
+    assert all(call.args[2] is relations for call in asking.searched.call_args_list)
+    assert {call.args[5] for call in asking.searched.call_args_list} == {1}
+    # At another size it is another question: nothing of the one before serves.
+    assert all(call.args[1].near is None for call in asking.searched.call_args_list[1:])
+    assert going_on.near is answers[1 if ends == 0.2 else 0]
+    assert going_on.start is going_on.near.settled
+
+
+def test_what_is_no_lag_is_tried_as_it_is() -> None:
+    inquiry = Mock(
+        spec=Inquiry, question=Mock(listed=Mock(spec=Unknowns, names=())), _overshot=False
+    )
+    asking, trial = Mock(spec=Question), Trial((LAG,), [], None, None)
+    sizes = {"actuators.lag.elevator": 0.1}
+    found = Inquiry._about_its_size(inquiry, asking, trial, sizes, lambda *_: None, 1.0)
+    assert found == (asking, trial, sizes)
+    asking.searched.assert_not_called()
 
 
 TERM = MissingTerm("Cn", ("aileron", "alpha"), 950.0, 0.3, 0.01, 0.5, 1.0)

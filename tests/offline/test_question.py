@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
@@ -109,6 +110,7 @@ def test_of_two_names_the_one_far_behind_is_left(ahead: float, sets: list[int]) 
 
     begun, there = [Mock(spec=Relation)], [Mock(spec=Relation)]
     asked = Mock(spec=Question)
+    asked.searched = partial(Question.searched, asked)
     asked.relations.return_value = there
     asked.answered.side_effect = [
         reached(mass, 0.0, ended=False),
@@ -157,6 +159,7 @@ def test_where_a_search_has_ended_nothing_unlisted_is_asked_for() -> None:
 def restless(*, ends: Sequence[float]) -> Mock:
     """A question whose searches come to these log-likelihoods, the last of them to rest."""
     asked = Mock(spec=Question)
+    asked.searched = partial(Question.searched, asked)
     asked.relations.return_value = [Mock(spec=Relation)]
     nothing = Mock(spec=Information)
     asked.answered.side_effect = [
