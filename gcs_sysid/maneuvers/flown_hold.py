@@ -152,6 +152,8 @@ def _windows(
     aircraft: Aircraft, control: str, names: Sequence[str], one: Flight, pressure: float
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """What a control should answer to, and the control, in windows of straight flight."""
+    if one.time.size < 2:
+        return []
     step = float(np.median(np.diff(one.time)))
     count = round(WINDOW / step)
     turned = one.turned.copy()

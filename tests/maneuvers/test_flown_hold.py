@@ -103,9 +103,10 @@ def test_turns_and_gaps_tell_nothing() -> None:
     turned = one.turned.copy()
     turned[:, 3] += 0.6
     assert flown_hold.found(aircraft(), AXES, [one._replace(turned=turned)]) is None
-    torn = one._replace(time=np.where(np.arange(one.time.size) % 100 == 0, np.nan, one.time))
-    late = np.nan_to_num(torn.time) + 5.0 * np.cumsum(np.isnan(torn.time))
+    late = one.time + 5.0 * (np.arange(one.time.size) // 100)
     assert flown_hold.found(aircraft(), AXES, [one._replace(time=late)]) is None
+    short = Flight(one.time[:1], one.pressure[:1], one.controls, one.turned[:1])
+    assert flown_hold.found(aircraft(), AXES, [short]) is None
 
 
 def test_a_hold_serves_at_other_airspeeds_by_dynamic_pressure() -> None:
