@@ -4,8 +4,9 @@
 
 For a few seconds of straight flight targets and trim go along lines, which are taken out. Test
 inputs are added to what a hold commands: where they are flown nothing like this holds, so that K is
-what most windows of a flight agree on (Fischler & Bolles, *Random sample consensus*, 1981), and the
-others do not count. Deflections go by 1/q̄, as autopilots scale them.
+what two fifths of a flight's windows agree on best (Fischler & Bolles, *Random sample consensus*,
+1981), and what does not agree with these does not count. Deflections go by 1/q̄, as autopilots
+scale them.
 """
 
 from __future__ import annotations
@@ -196,7 +197,7 @@ def _late(
 def _agreed(
     axis: str, names: Sequence[str], pieces: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> Answer:
-    """The gains on which most windows agree, by least squares over these."""
+    """The gains on which `AGREEING` of the windows agree best, by least squares over all such."""
     squares = np.stack([felt.T @ felt for felt, _ in pieces])
     products = np.stack([felt.T @ moved for felt, moved in pieces])
     powers = np.array([moved @ moved for _, moved in pieces])

@@ -384,24 +384,13 @@ class Inquiry:
         acting = _acting(self.question.listed, trial.causes)
         if self._overshot or not acting:
             return asking, trial, sizes
-
-        def searched(question: Question, one: Trial) -> Answer:
-            by = self.standing.relations
-            return question.searched(telling, one, by, self.every, accuracy, 1)
-
-        near = searched(asking, trial)
-        for _ in range(RESIZED):
-            if near.log_likelihood < self.standing.log_likelihood:
-                break
-            own = _freed(asking.listed, trial.causes, _found(asking.listed, near, accuracy))
-            nearer = quantities.servo_sizes(own, sizes, ABOUT, acting, asking.listed.least)
-            if nearer is None:
-                break
-            there = self._reckoned(nearer, acting).at_delays_of(trial.causes)
-            further = searched(there, Trial(trial.causes, near.settled, None, None))
-            if further.log_likelihood < near.log_likelihood:
-                break
-            near, asking, sizes = further, there, nearer
+        by, every = self.standing.relations, self.every
+        near = asking.searched(telling, trial, by, every, accuracy, 1)
+        if near.log_likelihood >= self.standing.log_likelihood:
+            near, asking, sizes = self._moved_on(
+                *(asking, near, sizes, accuracy, ABOUT),
+                lambda there, one, _: there.searched(telling, one, by, every, accuracy, 1),
+            )
         return asking, Trial(trial.causes, near.settled, None, near), sizes
 
     def _begun_anew(
@@ -442,20 +431,46 @@ class Inquiry:
         Weighed about a wrong size, lags of three servos explained what a delay of 0.067 s in the
         place of one of 0.1 s left over, by 340 nats.
         """
-        acting = _acting(self.question.listed, trial.causes)
-        for _ in range(0 if self._overshot else RESIZED):
-            own = _freed(asking.listed, trial.causes, _found(asking.listed, trial, accuracy))
-            nearer = quantities.servo_sizes(own, sizes, ROUGHLY, acting, asking.listed.least)
+
+        def searched(there: Question, one: Trial, near: Answer) -> Answer:
+            by = near.relations
+            return there.tried(telling, [one], by, self.every, accuracy, sets)[0]
+
+        if self._overshot:
+            return trial, asking, sizes
+        return self._moved_on(asking, trial, sizes, accuracy, ROUGHLY, searched)
+
+    def _moved_on(
+        self,
+        asking: Question,
+        near: Answer,
+        sizes: dict[str, float],
+        accuracy: float,
+        within: float,
+        searched: Callable[[Question, Trial, Answer], Answer],
+    ) -> tuple[Answer, Question, dict[str, float]]:
+        """Servos' changes at the sizes that they turn out at, as long as flights get likelier.
+
+        Args:
+            asking: the question.
+            near: flights searched with the causes.
+            sizes: with which was reckoned there.
+            accuracy: of the file's aerodynamics, in its sigmas.
+            within: share within which a size is right enough.
+            searched: flights searched at other sizes, from where they were.
+        """
+        acting = _acting(self.question.listed, near.causes)
+        for _ in range(RESIZED):
+            own = _freed(asking.listed, near.causes, _found(asking.listed, near, accuracy))
+            nearer = quantities.servo_sizes(own, sizes, within, acting, asking.listed.least)
             if nearer is None:
                 break
-            there = self._reckoned(nearer, acting).at_delays_of(trial.causes)
-            going_on = [Trial(trial.causes, trial.settled, None, None)]
-            by = trial.relations
-            (further,) = there.tried(telling, going_on, by, self.every, accuracy, sets)
-            if further.log_likelihood < trial.log_likelihood:
+            there = self._reckoned(nearer, acting).at_delays_of(near.causes)
+            further = searched(there, Trial(near.causes, near.settled, None, None), near)
+            if further.log_likelihood < near.log_likelihood:
                 break
-            trial, asking, sizes = further, there, nearer
-        return trial, asking, sizes
+            near, asking, sizes = further, there, nearer
+        return near, asking, sizes
 
     def _reckoned(self, sizes: Mapping[str, float], acting: AbstractSet[str]) -> Question:
         """The question with servos' changes of these sizes."""

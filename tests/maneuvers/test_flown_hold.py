@@ -1,57 +1,19 @@
-"""What an autopilot's commands answered to, from flights of a loop written here."""
+"""What an autopilot's commands answered to, from flights of a loop with known gains."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from gcs_sysid import atmosphere
-from gcs_sysid.maneuvers import axes, flown_hold, holding
+from gcs_sysid.maneuvers import flown_hold, holding
 from gcs_sysid.maneuvers.axes import Axes
 from gcs_sysid.maneuvers.flown_hold import Flight, FlownHold
 from gcs_sysid.model import trim
-from tests.maneuvers.made_model import aircraft, model
+from tests.maneuvers.made_loop import GAIN, PRESSURE, flown
+from tests.maneuvers.made_model import aircraft
 
-STEP, AIRSPEED, GRAVITY = 0.02, 20.0, 9.81
-PRESSURE = 0.5 * 1.2 * AIRSPEED**2
-GAIN = {"p": 0.05, "phi": 0.4, "psi": 0.5}
 AXES = Axes("elevator", "aileron", None)
-
-
-def flown(
-    seconds: float = 60.0, *, seed: int = 0, pulses: int = 8, size: float = 0.1, sign: float = 1.0
-) -> Flight:
-    """Rolls in gusts under `GAIN`, pulses of a second on top; pitch follows a target nobody tells.
-
-    The servos are those of the made-up aircraft: 20 ms of delay, 40 ms of lag.
-    """
-    generator = np.random.default_rng(seed)
-    count = round(seconds / STEP)
-    added = np.zeros(count)
-    for begin in np.linspace(2.0, seconds - 4.0, pulses):
-        first = round(begin / STEP)
-        added[first : first + 25], added[first + 25 : first + 50] = size, -size
-    push = 4.0 * generator.standard_normal(count)
-    target = 0.1 * np.cumsum(generator.standard_normal(count)) * np.sqrt(STEP)
-    turned, moved = np.zeros((count, 6)), np.zeros((count, 2))
-    roll = pitch = np.zeros(2)
-    heading, yaw = 0.0, signal.lfilter([0.1], [1.0, -0.9], 0.1 * generator.standard_normal(count))
-    asked = [np.zeros(2), np.zeros(2)]
-    surfaces = np.zeros(2)
-    for row in range(count):
-        turning = GRAVITY / AIRSPEED * roll[1] + yaw[row]
-        turned[row] = roll[0], pitch[0], turning, roll[1], pitch[1], heading
-        moved[row] = surfaces
-        answer = GAIN["p"] * roll[0] + GAIN["phi"] * roll[1] + GAIN["psi"] * heading
-        elevator = 0.1 * pitch[0] + 0.3 * (pitch[1] - target[row])
-        asked.append(np.array([elevator, added[row] - sign * answer]))
-        surfaces = surfaces + (1.0 - np.exp(-STEP / 0.04)) * (asked[row + 1] - surfaces)
-        heading += STEP * turning
-        roll = roll + STEP * np.array([-8.0 * roll[0] + 60.0 * surfaces[1] + push[row], roll[0]])
-        pitch = pitch + STEP * np.array([-6.0 * pitch[0] - 40.0 * surfaces[0], pitch[0]])
-    controls = {"elevator": moved[:, 0], "aileron": moved[:, 1], "rudder": np.zeros(count)}
-    return Flight(STEP * np.arange(count), np.full(count, PRESSURE), controls, turned)
 
 
 def found(*flights: Flight) -> FlownHold:
@@ -83,7 +45,7 @@ def test_deviations_hold_where_something_else_moves_the_control() -> None:
 
 
 def test_inputs_of_a_test_do_not_pull() -> None:
-    """Least squares over everything would find the roll angle held half as tightly."""
+    """Least squares over everything would find the roll angle held much less tightly."""
     one = flown(pulses=12, size=0.3)
     place = flown_hold.TURNED.index("phi")
     assert found(one).answers["aileron"].gain[place] == pytest.approx(GAIN["phi"], rel=0.05)
@@ -146,7 +108,3 @@ def test_a_flight_full_of_test_inputs_tells_no_hold() -> None:
     linear = holding.linearised(made, level)
     assert found(one).answers["aileron"].told
     assert not found(one).flies(linear, made.control_names)
-
-
-def test_the_made_up_aircraft_is_held_by_what_its_model_says() -> None:
-    assert axes.found(aircraft(), model()).roll == "aileron"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
@@ -82,6 +83,7 @@ def test_a_lag_is_moved_on_to_about_its_size_before_its_search_is_gone_into(
     standing.relations = relations
     inquiry = Mock(spec=Inquiry, every=(LAG,), question=asking, standing=standing, _overshot=False)
     inquiry._reckoned.return_value = asking
+    inquiry._moved_on = partial(Inquiry._moved_on, inquiry)
     trial = Trial((LAG,), [], np.zeros(1), standing)
     _, going_on, reckoned = Inquiry._about_its_size(
         inquiry, asking, trial, {name: 0.1}, lambda *_: None, 1.0

@@ -10,14 +10,14 @@ import pytest
 from gcs_sysid.maneuvers.flown_hold import TURNED
 from gcs_sysid.offline import parquet_file, suggest, suggestion_hold
 from gcs_sysid.report.suggest import findings
-from tests.maneuvers import test_flown_hold as flights
+from tests.maneuvers import made_loop
 from tests.maneuvers.made_model import aircraft, model
 from tests.offline.test_suggest import run, saved
 
 
 def samples(folder: Path, *seeds: int) -> None:
     """Writes what `identify` leaves beside a model, of flights of a loop with known gains."""
-    each = [flights.flown(seed=seed) for seed in seeds]
+    each = [made_loop.flown(seed=seed) for seed in seeds]
     columns = {
         "flight": np.repeat(np.arange(len(each)), [one.time.size for one in each]),
         "t": np.concatenate([one.time for one in each]),
@@ -35,7 +35,7 @@ def test_flights_of_a_model_are_looked_at_one_by_one(tmp_path) -> None:
         hold = suggestion_hold.found(folder, model(), aircraft())
         assert hold is not None
         roll = hold.answers["aileron"].gain[TURNED.index("phi")]
-        assert roll == pytest.approx(flights.GAIN["phi"], rel=0.03)
+        assert roll == pytest.approx(made_loop.GAIN["phi"], rel=0.03)
         # It did not move.
         assert "rudder" not in hold.answers
 
@@ -56,7 +56,7 @@ def test_a_suggestion_says_which_hold_it_reckons_with(tmp_path, monkeypatch) -> 
         "rudder": "assumed",
     }
     one = told["aileron"]["gain"]["phi"]
-    assert one["value"] == pytest.approx(flights.GAIN["phi"], rel=0.03)
+    assert one["value"] == pytest.approx(made_loop.GAIN["phi"], rel=0.03)
     assert 0.0 < one["sd"] < 0.05
     (safe,) = [item.text for item in findings(document) if item.topic == "Safe"]
     assert "aileron (100 % of what it did) held as the autopilot did in the flights" in safe
