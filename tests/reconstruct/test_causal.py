@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from gcs_sysid import regressors
 from gcs_sysid.estimate import in_common, intensities
 from gcs_sysid.estimate.intensities import Prior, Search
-from gcs_sysid.model import aided, air, departures
+from gcs_sysid.model import aided, aided_linear, aided_step, air, departures
 from gcs_sysid.model.aided import Means, Noise, Row
 from gcs_sysid.reconstruct import aided_smoother, causal, linear_filter
 from gcs_sysid.reconstruct.aided_ekf import MEMORY, AidedFilter
@@ -267,6 +267,42 @@ def test_sensitivities_are_those_of_the_innovations_but_for_the_gains(*, own_rat
         assert done.told.matrix[index, index] == pytest.approx(np.sum(mine**2), rel=1e-9)
         score = -np.sum(mine * done.whitened)
         assert done.told.score[index] == pytest.approx(score, abs=1e-9 * size)
+
+
+@pytest.mark.parametrize(("lag", "off"), [(0.0, 1e-9), (0.005, 0.01)])
+def test_a_term_acts_through_its_coefficient_as_it_does_by_itself(
+    flight, lag: float, off: float
+) -> None:
+    """Of moments that lag, what a term is made of is taken at one rate, where it has two rounds."""
+    like = made.unknowns(1.0)
+    late = like.means.sensors._replace(moment_lag=jnp.asarray(lag))
+    means = like.means._replace(sensors=late)
+    path = settled(flight, means)
+    [rows], [chunk] = causal.joined(made.MODEL, means, like.log_noise, path), path.chunks
+    flat, unravel = ravel_pytree(means.aerodynamics)
+    motion, seen = causal.sensitivities(
+        made.MODEL, means, like.log_noise, chunk, rows, jnp.arange(flat.size)
+    )
+
+    def changed(values: jax.Array, part: aided_smoother.Chunk) -> tuple[jax.Array, jax.Array]:
+        other = means._replace(aerodynamics=unravel(values))
+        middle = aided.compose(part.before, 0.5 * aided.difference(part.after, part.before))
+        moved = part.row.step * aided.motion(made.MODEL.aircraft, other, middle, part.row)
+        return moved, aided.innovation(made.MODEL.aircraft, other, part.after, part.row)
+
+    added, left = jax.vmap(jax.jacfwd(changed), in_axes=(None, 0))(flat, chunk)
+    # What is added in the middle of the step, carried to its end by rows about the same path.
+    inner = aided_smoother.mechanics(made.MODEL, means, chunk)
+    decay = aided_linear.decay(aided_smoother.positive(like.log_noise))
+    half = jax.vmap(aided_step.half, in_axes=(0, None, 0))(inner, decay, chunk.row)
+    first = np.zeros((made.COUNT, aided.SIZE, aided.SIZE))
+    first[:, : aided.MOVING] = half.motion
+    carried = (added + (4.0 * first + np.asarray(rows.transition)) @ added) / 6.0
+    direct = np.concatenate([carried[:, : aided.MOVING], left], axis=1)
+    told = np.concatenate([motion[:, : aided.MOVING], seen], axis=1)
+    wrong, size = (np.linalg.norm(each, axis=(0, 1)) for each in (told - direct, direct))
+    assert np.all(size > 0.0)
+    assert np.all(wrong <= off * size), wrong / size
 
 
 def test_what_is_not_asked_is_not_told_and_what_is_stays_the_same(flight) -> None:
