@@ -101,31 +101,38 @@ def posterior(
 
 
 def gained(
-    base: Posterior,
+    found: Float[np.ndarray, "*base unknown"],
+    covariance: Float[np.ndarray, "*same unknown unknown"],
     before: Float[np.ndarray, " chosen"],
     chosen: Int[np.ndarray, " chosen"],
     after: Float[np.ndarray, " chosen"],
     mean: Float[np.ndarray, " chosen"],
-) -> float:
+) -> Float[np.ndarray, "*base"]:
     """By how much the evidence grows if a few unknowns have another prior.
 
     It is the mean of the priors' ratio over the posterior (Dickey, Annals of Mathematical
     Statistics 42, 1971), a Gaussian integral over the few.
 
     Args:
-        base: posterior under the prior of mean 0 and deviations `before`.
+        found: mean of a posterior, or of several, under the prior of mean 0 and deviations
+            `before`.
+        covariance: of each of them, or one of all.
         before: deviations of the chosen unknowns, none of them 0.
         chosen: places of the unknowns.
         after: their other deviations.
         mean: and their other means.
     """
-    size = base.covariance[np.ix_(chosen, chosen)]
-    unit = np.sqrt(np.diagonal(size))
-    inverse = np.linalg.inv(size / np.outer(unit, unit))
-    known, there = inverse / np.outer(unit, unit), base.mean[chosen]
+    size = covariance[..., chosen[:, None], chosen]
+    unit = np.sqrt(np.diagonal(size, axis1=-2, axis2=-1))
+    square = unit[..., :, None] * unit[..., None, :]
+    inverse = np.linalg.inv(size / square)
+    known, there = inverse / square, found[..., chosen]
     told = known + np.diag(after**-2 - before**-2)
-    pulled = known @ there + after**-2 * mean
-    exponent = pulled @ np.linalg.solve(told, pulled) - there @ known @ there - mean**2 @ after**-2
+    pulled = np.einsum("...ij,...j->...i", known, there)
+    held = np.sum(pulled * there, axis=-1) + mean**2 @ after**-2
+    pulled = pulled + after**-2 * mean
+    moved = np.linalg.solve(told, pulled[..., None])[..., 0]
+    exponent = np.sum(pulled * moved, axis=-1) - held
     # In units of the posterior both determinants are of the order of one.
-    logs = np.linalg.slogdet(told * np.outer(unit, unit))[1] - np.linalg.slogdet(inverse)[1]
-    return 0.5 * float(exponent - logs) - float(np.sum(np.log(after / before)))
+    logs = np.linalg.slogdet(told * square)[1] - np.linalg.slogdet(inverse)[1]
+    return np.asarray(0.5 * (exponent - logs) - np.sum(np.log(after / before)))

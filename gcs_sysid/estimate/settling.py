@@ -29,7 +29,7 @@ from gcs_sysid.model.flight_model import FlightModel
 from gcs_sysid.reconstruct import causal
 from gcs_sysid.reconstruct.causal import Pass, Path
 
-STRETCH = 4000
+STRETCH = 2500
 """Rows of the stretch on which a search begins."""
 BEGINNINGS = 3
 """Stretches on which a search begins, one after the other, until it finds rest."""

@@ -72,6 +72,11 @@ def test_another_prior_of_a_few_needs_no_second_posterior() -> None:
         chosen = np.array(places)
         after, mean = before.copy(), np.zeros(7)
         after[chosen], mean[chosen] = 8.0 * before[chosen], 0.5 * before[chosen]
-        found = gained(base, before[chosen], chosen, after[chosen], mean[chosen])
+        asked = (before[chosen], chosen, after[chosen], mean[chosen])
+        found = gained(base.mean, base.covariance, *asked)
         direct = posterior(data, after, mean).log_evidence - base.log_evidence
-        assert found == pytest.approx(direct, rel=1e-6, abs=1e-8)
+        assert float(found) == pytest.approx(direct, rel=1e-6, abs=1e-8)
+        # Several at once, of one covariance and of one each.
+        means, both = np.stack([base.mean, 0.0 * base.mean]), np.stack(2 * [base.covariance])
+        for covariance in (base.covariance, both):
+            np.testing.assert_allclose(gained(means, covariance, *asked)[0], found, rtol=1e-12)

@@ -86,12 +86,8 @@ def _parabola(
     chosen = np.flatnonzero((after != before) | (mean != 0.0))
     given = (before[chosen], chosen, after[chosen], mean[chosen])
 
-    def at(size: float) -> float:
-        return gained(replace(nothing, mean=size * moved), *given)
-
-    still, more = at(0.0), at(1.0)
-    # Only an effect that is expected somewhere has one side that is better than the other.
-    less = at(-1.0) if mean.any() else more
+    sizes = np.array([-1.0, 0.0, 1.0])
+    less, still, more = gained(sizes[:, None] * moved, nothing.covariance, *given)
     return np.array([still, 0.5 * (more - less), 0.5 * (more + less) - still])
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +91,19 @@ class _Files:
         # What a cause frees is no aerodynamic value of the file: it hangs on no accuracy.
         chosen = np.flatnonzero((sigma != before) | (mean != 0.0))
         given = (before[chosen], chosen, sigma[chosen], mean[chosen])
-        return np.array([one.log_evidence + gained(one, *given) for one in self.nothing])
+        return self.bare + gained(*self._beliefs, *given)
+
+    @cached_property
+    def bare(self) -> Float[np.ndarray, " accuracy"]:
+        """Evidence of no cause."""
+        return np.array([one.log_evidence for one in self.nothing])
+
+    @cached_property
+    def _beliefs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means and covariances with no cause, one behind the other."""
+        parts = ((one.mean, one.covariance) for one in self.nothing)
+        found, covariance = (np.stack(part) for part in zip(*parts, strict=True))
+        return found, covariance
 
     def averaged(self, evidence: Float[np.ndarray, "set accuracy"]) -> Float[np.ndarray, " set"]:
         """Evidence over all accuracies."""
@@ -179,7 +192,7 @@ def rank(
         np.log(list(accuracies.values())),
         tuple(accuracies),
     )
-    nothing = np.array([one.log_evidence for one in files.nothing])
+    nothing = files.bare
     tried = _tried(files, candidates)
     told = np.max([nothing, *(one.evidence for one in tried)], axis=0) + files.prior
     likely = (told > told.max() - BESIDES) | (np.arange(told.size) < told.argmax())
