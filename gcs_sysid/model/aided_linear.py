@@ -6,6 +6,7 @@ the step; white noise enters all along the step.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -148,15 +149,29 @@ def jacobian(
     columns = dict(zip(parts, jnp.split(found, len(parts), axis=1), strict=True))
     columns["gust"] = -columns["velocity"]
     columns["wind"] = columns["gust"] @ _grown(means, state, row)
-    matrix = jnp.zeros((MOVING, SIZE))
-    for name, column in columns.items():
-        matrix = matrix.at[:, BLOCKS[name]].set(column)
     turning = jax.vmap(lambda axis: frames.cross(rate, axis), out_axes=1)(jnp.eye(3))
-    matrix = matrix.at[BLOCKS["attitude"], BLOCKS["attitude"]].add(-turning)
+    columns["attitude"] -= _placed(turning, "attitude")
     forward = frames.rotate(state.attitude, jnp.array([1.0, 0.0, 0.0]))
-    matrix = matrix.at[BLOCKS["velocity"], BLOCKS["push"]].set(forward[:, None])
-    tube = -1.0 / tube_lag(aircraft, means.sensors)
-    return matrix.at[BLOCKS["tube"], BLOCKS["tube"]].set(tube)
+    columns["push"] = _placed(forward[:, None], "velocity")
+    columns["tube"] = _placed(-1.0 / tube_lag(aircraft, means.sensors)[None, None], "tube")
+    return _side_by_side(columns, MOVING)
+
+
+def _placed(rows: Float[Array, "row column"], name: str) -> Float[Array, "moving column"]:
+    """Rows of a part of the motion, the others 0."""
+    part = BLOCKS[name]
+    return jnp.pad(rows, ((part.start, MOVING - part.stop), (0, 0)))
+
+
+def _side_by_side(
+    columns: Mapping[str, Float[Array, "row _"]], rows: int
+) -> Float[Array, "row state"]:
+    """A matrix from columns by block of the error state; 0 where there are none.
+
+    Put together at once: set into zeros one by one they took as long as what they are made of.
+    """
+    none = {name: jnp.zeros((rows, part.stop - part.start)) for name, part in BLOCKS.items()}
+    return jnp.concatenate([columns.get(name, none[name]) for name in BLOCKS], axis=1)
 
 
 def _grown(means: Means, state: State, row: Row) -> Float[Array, "axis axis"]:
@@ -206,10 +221,7 @@ def _seen(
     # Of the other errors, each is what its sensor tells too much.
     for name in ("gyro", "airspeed", "velocity"):
         columns[f"{name}_error"] = jnp.eye(ROW_COUNT)[:, ROWS[name]]
-    matrix = jnp.zeros((ROW_COUNT, SIZE))
-    for name, column in columns.items():
-        matrix = matrix.at[:, BLOCKS[name]].set(column)
-    return matrix, residual
+    return _side_by_side(columns, ROW_COUNT), residual
 
 
 def mechanics(
