@@ -14,10 +14,13 @@ exact here. A prior mean m is taken off first: b − G m stands for b, and mᵀb
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+
+BENT = 3.0
+"""Deviations by which a quantity is off from what was believed, beyond which that is disputed."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,43 @@ def posterior(
     covariance[np.ix_(free, free)] = spread @ spread.T
     determinant = float(np.sum(np.log(np.diagonal(factor))))
     return Posterior(found, covariance, 0.5 * float(whitened @ whitened) - determinant + shifted)
+
+
+def disputed(
+    found: Posterior,
+    sigma: Float[np.ndarray, " unknown"],
+    mean: Float[np.ndarray, " unknown"],
+    ordinary: Bool[np.ndarray, " unknown"],
+) -> Posterior:
+    """A posterior that is less sure where the data had to bend what was believed.
+
+    Prior m ± σ and posterior θ ± s of one quantity disagree by z = (θ − m)/√(σ² − s²) deviations.
+    Beyond `BENT` neither prior nor data are as good as they say. What both say together is known
+    less well by Birge's ratio (Physical Review 40, 1932), and so is all that hangs on it,
+
+        P + (z² − 1) P_S P_SS⁻¹ P_Sᵀ,
+
+    with S what is disputed, and the mean of its z².
+
+    Args:
+        found: the posterior.
+        sigma: prior standard deviation of each unknown, 0 where it is known.
+        mean: prior mean of each.
+        ordinary: which are believed to be off by no more than is ordinary.
+    """
+    spread = np.diagonal(found.covariance)
+    told = ordinary & (spread < sigma**2)
+    room = np.sqrt(np.where(told, sigma**2 - spread, np.inf))
+    off = (found.mean - mean) / room
+    bent = np.flatnonzero(np.abs(off) > BENT)
+    if bent.size == 0:
+        return found
+    size = np.sqrt(spread[bent])
+    inner = found.covariance[np.ix_(bent, bent)] / np.outer(size, size)
+    across = found.covariance[:, bent] / size
+    more = np.mean(off[bent] ** 2) - 1.0
+    wider = across @ np.linalg.pinv(inner, rcond=1e-9, hermitian=True) @ across.T
+    return replace(found, covariance=found.covariance + more * wider)
 
 
 def gained(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gcs_sysid.diagnose.evidence import gained, information, posterior
+from gcs_sysid.diagnose.evidence import Posterior, disputed, gained, information, posterior
 
 RANDOM = np.random.default_rng(7)
 COLUMNS = RANDOM.standard_normal((40, 4))
@@ -80,3 +80,30 @@ def test_another_prior_of_a_few_needs_no_second_posterior() -> None:
         means, both = np.stack([base.mean, 0.0 * base.mean]), np.stack(2 * [base.covariance])
         for covariance in (base.covariance, both):
             np.testing.assert_allclose(gained(means, covariance, *asked)[0], found, rtol=1e-12)
+
+
+def two_that_disagree(off: float) -> tuple[Posterior, np.ndarray]:
+    """Believed 0 ± 1, measured `off` ± 1; a second quantity is measured as their sum, ± 0.1."""
+    columns = np.array([[1.0, 0.0], [10.0, 10.0]])
+    sigma = np.array([1.0, 50.0])
+    return posterior(information(columns, np.array([off, 0.0])), sigma), sigma
+
+
+def test_what_flights_had_to_bend_is_known_less_well_and_so_is_what_hangs_on_it() -> None:
+    """Birge's ratio of two measurements: the root of (10 − 0)²/(1 + 1)."""
+    found, sigma = two_that_disagree(10.0)
+    told = disputed(found, sigma, np.zeros(2), np.array([True, False]))
+    ratio = np.sqrt(50.0)
+    before, after = (np.sqrt(np.diagonal(one.covariance)) for one in (found, told))
+    assert after[0] / before[0] == pytest.approx(ratio, rel=1e-3)
+    # The second is minus the first to 0.1, which nobody disputes.
+    assert after[1] == pytest.approx(np.hypot(ratio * before[0], 0.1), rel=1e-2)
+    np.testing.assert_array_equal(told.mean, found.mean)
+
+
+def test_what_agrees_or_is_free_to_be_anything_is_as_sure_as_it_was() -> None:
+    near, sigma = two_that_disagree(4.0)
+    far, _ = two_that_disagree(10.0)
+    ordinary = np.array([True, False])
+    assert disputed(near, sigma, np.zeros(2), ordinary) is near
+    assert disputed(far, sigma, np.zeros(2), np.zeros(2, dtype=bool)) is far

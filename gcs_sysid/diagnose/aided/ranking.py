@@ -19,7 +19,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Information, Posterior, gained, posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior, disputed, gained, posterior
 from gcs_sysid.diagnose.hypothesis import (
     PRIOR_OF_MORE,
     PRIOR_OF_NONE,
@@ -325,6 +325,9 @@ def _ranked(data: Information, files: _Files, chosen: _Set, nothing: float) -> R
         before = (mean[index] - least) / sigma[index]
         after = (moved[name][0] - least) / moved[name][1]
         possible += float(log_ndtr(after) - log_ndtr(before))
+    ordinary = (sigma > 0.0) & ~np.isin(own.names, names)
+    found = disputed(found, sigma, mean, ordinary)
+    moved = own.along(names, found.mean, found.covariance)
     return Ranked(
         causes=causes,
         prior=chosen.prior,
