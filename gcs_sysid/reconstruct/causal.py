@@ -351,7 +351,7 @@ def sensitivities(
     own, others = places[places < terms], places[places >= terms]
     inner = aided_smoother.mechanics(model, means, chunk)
     about = (model, means, log_noise, chunk, rows, inner)
-    found = []
+    found = [[np.zeros((*part.shape[:2], 0)) for part in (rows.transition, rows.sensitivity)]]
     if own.size:
         found.append([np.asarray(part)[..., own] for part in _of_terms(*about)])
     for first in range(0, others.size, ASIDE):

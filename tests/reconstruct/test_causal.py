@@ -280,9 +280,9 @@ def test_a_term_acts_through_its_coefficient_as_it_does_by_itself(
     path = settled(flight, means)
     [rows], [chunk] = causal.joined(made.MODEL, means, like.log_noise, path), path.chunks
     flat, unravel = ravel_pytree(means.aerodynamics)
-    motion, seen = causal.sensitivities(
-        made.MODEL, means, like.log_noise, chunk, rows, jnp.arange(flat.size)
-    )
+    about = (made.MODEL, means, like.log_noise, chunk, rows)
+    motion, seen = causal.sensitivities(*about, jnp.arange(flat.size))
+    assert [part.shape[-1] for part in causal.sensitivities(*about, jnp.arange(0))] == [0, 0]
 
     def changed(values: jax.Array, part: aided_smoother.Chunk) -> tuple[jax.Array, jax.Array]:
         other = means._replace(aerodynamics=unravel(values))
