@@ -32,6 +32,7 @@ from gcs_sysid.diagnose.verdict import INCREDIBLE
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.settling import QUIET
 from gcs_sysid.estimate.weighed import SETS
+from gcs_sysid.offline import servo_sizes
 from gcs_sysid.offline.flight import Progress
 from gcs_sysid.offline.question import (
     FIRST_SETS,
@@ -162,6 +163,8 @@ class Inquiry:
         self._needed = NONE_NEEDED
         # A file that is right in all else was tried; sizes moved on lost the flight.
         self._right = self._overshot = False
+        # Causes, and sizes of servos' changes beside which others were less likely.
+        self._at_rest: list[tuple[frozenset[Candidate], dict[str, float]]] = []
         self.outdone = False
         self._asked_for: _AskedFor | None = None
         self._term_tried: _TermTried | None = None
@@ -275,7 +278,7 @@ class Inquiry:
         best = _strongest_first(self.standing, self.ranked[0], listed, self._needed, self._tested)
         # What is only part of the favourite is on the way to it, and not to be searched to the end.
         sets = SETS if best is self.ranked[0] else FIRST_SETS
-        sizes = _sizes(listed, best, self.reached, overshot=self._overshot)
+        sizes = self._sizes(best)
         again = frozenset(best.causes) in self._tested and sizes is None
         if again:
             if self._right:
@@ -284,9 +287,15 @@ class Inquiry:
             if other is None:
                 return None
             best, self._right = other, True
-            sizes = _sizes(listed, best, self.reached, overshot=self._overshot)
+            sizes = self._sizes(best)
         accuracy = min(best.accuracy, RIGHT) if self._right else best.accuracy
         return _Favourite(best, accuracy, sizes, again, sets)
+
+    def _sizes(self, best: Ranked) -> dict[str, float] | None:
+        """With which sizes to reckon from now on; None where those are near enough."""
+        if (frozenset(best.causes), self.reached) in self._at_rest:
+            return None
+        return servo_sizes.wanted(self.question.listed, best, self.reached, overshot=self._overshot)
 
     def _put_to_the_test(self, favourite: _Favourite, turn: int) -> bool:
         """Whether there is more to try after it."""
@@ -330,7 +339,7 @@ class Inquiry:
         """
         best, accuracy, sizes, _, sets = favourite
         listed, standing = self.question.listed, self.standing
-        asking, acting = self.question, _acting(listed, best.causes)
+        asking, acting = self.question, servo_sizes.acting(listed, best.causes)
         if sizes is not None or acting != listed.acting.keys():
             asking = self._reckoned(self.reached if sizes is None else sizes, acting)
         asking = asking.at_delays_of(best.causes)
@@ -363,7 +372,7 @@ class Inquiry:
         won = trial.log_likelihood - trials[0].log_likelihood
         if trial.log_likelihood < rivals[-1] - REFUTED:
             return None
-        if _acting(listed, trial.causes) and trial.left > QUIET and not trial.ended:
+        if servo_sizes.acting(listed, trial.causes) and trial.left > QUIET and not trial.ended:
             asking, trial = self._begun_anew(asking, trial, telling, accuracy, sets)
         moved_on = self._where_it_is(asking, trial, sizes, telling, accuracy, sets)
         return _Tried(*moved_on, twin, won, [frozenset(one.causes) for one in asked_for])
@@ -381,13 +390,13 @@ class Inquiry:
         A first set of instruments tells that size. Gone into to its end with half of a lag, a
         search makes up for the other half by all else, which the next one has to take back.
         """
-        acting = _acting(self.question.listed, trial.causes)
+        acting = servo_sizes.acting(self.question.listed, trial.causes)
         if self._overshot or not acting:
             return asking, trial, sizes
         by, every = self.standing.relations, self.every
         near = asking.searched(telling, trial, by, every, accuracy, 1)
         if near.log_likelihood >= self.standing.log_likelihood:
-            near, asking, sizes = self._moved_on(
+            near, asking, sizes, _ = self._moved_on(
                 *(asking, near, sizes, accuracy, ABOUT),
                 lambda there, one, _: there.searched(telling, one, by, every, accuracy, 1),
             )
@@ -433,12 +442,18 @@ class Inquiry:
         """
 
         def searched(there: Question, one: Trial, near: Answer) -> Answer:
-            by = near.relations
-            return there.tried(telling, [one], by, self.every, accuracy, sets)[0]
+            by, rival = near.relations, near.log_likelihood + REFUTED
+            # Only what is likelier before long goes on.
+            return there.tried(telling, [one], by, self.every, accuracy, sets, lambda: rival)[0]
 
         if self._overshot:
             return trial, asking, sizes
-        return self._moved_on(asking, trial, sizes, accuracy, ROUGHLY, searched)
+        near, asking, sizes, refused = self._moved_on(
+            asking, trial, sizes, accuracy, ROUGHLY, searched
+        )
+        if refused:
+            self._at_rest.append((frozenset(trial.causes), sizes))
+        return near, asking, sizes
 
     def _moved_on(
         self,
@@ -448,8 +463,10 @@ class Inquiry:
         accuracy: float,
         within: float,
         searched: Callable[[Question, Trial, Answer], Answer],
-    ) -> tuple[Answer, Question, dict[str, float]]:
+    ) -> tuple[Answer, Question, dict[str, float], bool]:
         """Servos' changes at the sizes that they turn out at, as long as flights get likelier.
+
+        And whether others were less likely.
 
         Args:
             asking: the question.
@@ -459,18 +476,20 @@ class Inquiry:
             within: share within which a size is right enough.
             searched: flights searched at other sizes, from where they were.
         """
-        acting = _acting(self.question.listed, near.causes)
+        acting = servo_sizes.acting(self.question.listed, near.causes)
         for _ in range(RESIZED):
-            own = _freed(asking.listed, near.causes, _found(asking.listed, near, accuracy))
+            own = servo_sizes.freed(
+                asking.listed, near.causes, _found(asking.listed, near, accuracy)
+            )
             nearer = quantities.servo_sizes(own, sizes, within, acting, asking.listed.least)
             if nearer is None:
                 break
             there = self._reckoned(nearer, acting).at_delays_of(near.causes)
             further = searched(there, Trial(near.causes, near.settled, None, None), near)
             if further.log_likelihood < near.log_likelihood:
-                break
+                return near, asking, sizes, True
             near, asking, sizes = further, there, nearer
-        return near, asking, sizes
+        return near, asking, sizes, False
 
     def _reckoned(self, sizes: Mapping[str, float], acting: AbstractSet[str]) -> Question:
         """The question with servos' changes of these sizes."""
@@ -547,40 +566,3 @@ def _likelier(
 def _found(listed: Unknowns, trial: Answer, accuracy: float) -> Float[np.ndarray, " unknown"]:
     """What flights say of all unknowns where they were searched with causes set free."""
     return listed.as_accurate(accuracy).estimated(trial.information, trial.causes).mean
-
-
-def _acting(listed: Unknowns, causes: Sequence[Candidate]) -> set[str]:
-    """Lags and delays that causes free, of which it is known what more of them does."""
-    freed = {name for one in causes for name in one.frees}
-    return {name for name in freed if f"{quantities.MORE}{name}" in listed.names}
-
-
-def _sizes(
-    listed: Unknowns, best: Ranked, reached: Mapping[str, float], *, overshot: bool
-) -> dict[str, float] | None:
-    """With which sizes of servos' changes to reckon from now on; None where those are near enough.
-
-    Args:
-        listed: all unknowns.
-        best: the favourite.
-        reached: with which was reckoned so far.
-        overshot: whether the flight was far less likely with sizes moved on from there, so that
-            these stay. What is wrong beside a lag can make it seem longer wherever it is taken.
-    """
-    own = _freed(listed, best.causes, best.posterior.mean)
-    sizes = quantities.servo_sizes(own, reached, acting=listed.acting, least=listed.least)
-    if sizes is None or not overshot:
-        return sizes
-    kept = {**sizes, **reached}
-    return kept if kept.keys() > reached.keys() else None
-
-
-def _freed(
-    listed: Unknowns, causes: Sequence[Candidate], values: Float[np.ndarray, " unknown"]
-) -> dict[str, float]:
-    """Values of the quantities that causes free, with what is ordinarily off in the same way."""
-    found = {}
-    for name in (name for candidate in causes for name in candidate.frees):
-        parts = [name, *([listed.beside[name]] if name in listed.beside else [])]
-        found[name] = float(sum(values[listed.names.index(each)] for each in parts))
-    return found

@@ -18,8 +18,17 @@ from gcs_sysid.errors import RefusedError
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation
 from gcs_sysid.offline import inquiry as module
+from gcs_sysid.offline import servo_sizes
 from gcs_sysid.offline.inquiry import Inquiry
-from gcs_sysid.offline.question import FIRST_SETS, UNLISTED, Answer, Asked, Question, Trial
+from gcs_sysid.offline.question import (
+    FIRST_SETS,
+    REFUTED,
+    UNLISTED,
+    Answer,
+    Asked,
+    Question,
+    Trial,
+)
 
 LAG = Candidate(CAUSES["actuator_lag"], "elevator", None)
 LOST = RefusedError("flight.tlog", "the simulation lost the aircraft", fix="look")
@@ -73,7 +82,7 @@ def test_a_lag_is_moved_on_to_about_its_size_before_its_search_is_gone_into(
     (name,) = LAG.frees
     sizes = iter(found)
     monkeypatch.setattr(module, "_found", lambda *_: None)
-    monkeypatch.setattr(module, "_freed", lambda *_: {name: next(sizes)})
+    monkeypatch.setattr(servo_sizes, "freed", lambda *_: {name: next(sizes)})
     asking, relations = Mock(spec=Question), [Mock(spec=Relation)]
     asking.listed = Mock(spec=Unknowns, names=(f"{quantities.MORE}{name}",), least={})
     asking.at_delays_of.return_value = asking
@@ -107,6 +116,54 @@ def test_what_is_no_lag_is_tried_as_it_is() -> None:
     found = Inquiry._about_its_size(inquiry, asking, trial, sizes, lambda *_: None, 1.0)
     assert found == (asking, trial, sizes)
     asking.searched.assert_not_called()
+
+
+def resized(
+    monkeypatch: pytest.MonkeyPatch, found: float, likelihood: float
+) -> tuple[Mock, Mock, dict[str, float]]:
+    """An inquiry, its question, and the sizes after a search that found a lag of 0.1 s so long."""
+    (name,) = LAG.frees
+    monkeypatch.setattr(module, "_found", lambda *_: None)
+    monkeypatch.setattr(servo_sizes, "freed", lambda *_: {name: found})
+    asking = Mock(spec=Question)
+    asking.listed = Mock(spec=Unknowns, names=(f"{quantities.MORE}{name}",), least={})
+    asking.at_delays_of.return_value = asking
+    asking.tried.return_value = [answer(likelihood)]
+    near = answer(0.0)
+    near.relations = [Mock(spec=Relation)]
+    inquiry = Mock(spec=Inquiry, every=(LAG,), question=asking, _overshot=False, _at_rest=[])
+    inquiry._reckoned.return_value = asking
+    inquiry._moved_on = partial(Inquiry._moved_on, inquiry)
+    telling = (lambda *_: None, 1.0, 6)
+    sizes = Inquiry._where_it_is(inquiry, asking, near, {name: 0.1}, *telling)[2]
+    return inquiry, asking, sizes
+
+
+def test_at_another_size_of_a_lag_only_what_is_likelier_before_long_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, asking, _ = resized(monkeypatch, 0.2, -5.0)
+    assert asking.tried.call_args.args[6]() - REFUTED == 0.0
+
+
+@pytest.mark.parametrize(
+    ("found", "likelihood", "rests"),
+    [(0.2, -5.0, True), (0.101, 0.0, False), (0.2, 5.0, False)],
+    ids=["less likely", "near enough", "likelier"],
+)
+def test_a_size_beside_which_another_was_less_likely_is_not_left_for_the_same_causes(
+    monkeypatch: pytest.MonkeyPatch, found: float, likelihood: float, *, rests: bool
+) -> None:
+    """An aileron's fault in ArduPlane's flight was searched twice over so, in two orders."""
+    inquiry, _, sizes = resized(monkeypatch, found, likelihood)
+    inquiry.reached = sizes
+    monkeypatch.setattr(servo_sizes, "wanted", lambda *_, **__: {"other": 0.3})
+    other = Candidate(CAUSES["mass"], "", None)
+    for causes, stays in [((LAG,), rests), ((LAG, other), False)]:
+        best = Mock(spec=Ranked, causes=causes)
+        assert (Inquiry._sizes(inquiry, best) is None) == stays
+    inquiry.reached = {}
+    assert Inquiry._sizes(inquiry, Mock(spec=Ranked, causes=(LAG,))) == {"other": 0.3}
 
 
 TERM = MissingTerm("Cn", ("aileron", "alpha"), 950.0, 0.3, 0.01, 0.5, 1.0)

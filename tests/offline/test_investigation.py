@@ -16,7 +16,7 @@ from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
-from gcs_sysid.offline import inquiry, investigation, question
+from gcs_sysid.offline import inquiry, investigation, question, servo_sizes
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.offline.inquiry import Inquiry
 from gcs_sysid.offline.leads import Lead, RestlessError
@@ -79,8 +79,8 @@ def test_a_delay_is_reckoned_with_whole() -> None:
     every = replace(listed(), beside={name: own})
     mean = np.zeros(len(every.names))
     mean[[every.names.index(name), every.names.index(own)]] = 0.05, 0.04
-    assert inquiry._freed(every, EVERY[:1], mean) == {name: pytest.approx(0.09)}
-    assert inquiry._freed(listed(), EVERY[:1], mean) == {name: pytest.approx(0.05)}
+    assert servo_sizes.freed(every, EVERY[:1], mean) == {name: pytest.approx(0.09)}
+    assert servo_sizes.freed(listed(), EVERY[:1], mean) == {name: pytest.approx(0.05)}
 
 
 def test_what_is_known_is_handed_on_before_it_is_put_to_the_test(monkeypatch) -> None:
