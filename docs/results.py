@@ -345,6 +345,12 @@ LINES = (
         apart=", ",
     ),
     Line(
+        "live: a recorded flight replayed to the link at its own timing, the derivative farthest "
+        "from that of `identify` on the file, in its deviations",
+        "0.5",
+        (Cell("live-same-model", "", "apart, in sd of the file (wanted: 0.5)"),),
+    ),
+    Line(
         "live: frames that the recording misses at 10 times the rate",
         "0",
         (Cell("live", "frames missing", "found"),),
