@@ -319,16 +319,28 @@ class Inquiry:
         found = _found(tried.question.listed, trial, favourite.accuracy)
         off = listed.farthest(trial.causes, found)
         if off >= INCREDIBLE:
-            # It stands in for what is in no catalogue, which is to be looked for without it.
-            self.farthest = off
-            return False
+            return self._without_what_is_incredible(trial, off)
         if tried.twin is not None and tried.won > REFUTED:
-            self._needed = Needed((tried.twin.other,), tried.won)
+            self._needed = self._needed._replace(causes=(tried.twin.other,), missed=tried.won)
         more = all(cause in trial.causes for cause in standing.causes)
         if lost > REFUTED and not more:
-            self._needed = Needed(standing.causes, lost)
+            self._needed = self._needed._replace(causes=standing.causes, missed=lost)
         else:
             self.standing, self.question, self.reached = trial, tried.question, tried.sizes
+        self._weigh()
+        return True
+
+    def _without_what_is_incredible(self, trial: Answer, off: float) -> bool:
+        """Whether there is more to try after causes of a size that nobody believes.
+
+        One stands in for what is in no catalogue, which is to be looked for without it. Of several,
+        one may stand in for what another does at a size at which it was not reckoned with: a rudder
+        that lags by 0.2 s was taken for a slower lag with a limit of its rate.
+        """
+        if len(trial.causes) == 1 or self._needed.incredible:
+            self.farthest = off
+            return False
+        self._needed = self._needed._replace(incredible=tuple(trial.causes))
         self._weigh()
         return True
 

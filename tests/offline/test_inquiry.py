@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_sysid.diagnose.aided import quantities
+from gcs_sysid.diagnose.aided.ranking import Needed
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.aided.unlisted import MissingTerm
 from gcs_sysid.diagnose.catalogue import CAUSES
@@ -164,6 +165,23 @@ def test_a_size_beside_which_another_was_less_likely_is_not_left_for_the_same_ca
         assert (Inquiry._sizes(inquiry, best) is None) == stays
     inquiry.reached = {}
     assert Inquiry._sizes(inquiry, Mock(spec=Ranked, causes=(LAG,))) == {"other": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("number", "before", "goes_on"),
+    [(2, (), True), (1, (), False), (2, (LAG,), False)],
+    ids=["of two", "alone", "once more"],
+)
+def test_of_several_causes_that_nobody_believes_together_each_may_be_there(
+    number: int, before: tuple[Candidate, ...], *, goes_on: bool
+) -> None:
+    causes = (LAG, Candidate(CAUSES["actuator_rate_limit"], "elevator", None))[:number]
+    inquiry = Mock(spec=Inquiry, farthest=0.0, _needed=Needed((LAG,), 50.0, before))
+    trial = Mock(spec=Answer, causes=causes)
+    assert Inquiry._without_what_is_incredible(inquiry, trial, 6.4) == goes_on
+    assert inquiry.farthest == (0.0 if goes_on else 6.4)
+    assert inquiry._needed == Needed((LAG,), 50.0, causes if goes_on else before)
+    assert inquiry._weigh.called == goes_on
 
 
 TERM = MissingTerm("Cn", ("aileron", "alpha"), 950.0, 0.3, 0.01, 0.5, 1.0)

@@ -154,16 +154,22 @@ class Needed(NamedTuple):
     Attributes:
         causes: which.
         missed: by how much sets without all of them have less evidence [nat].
+        incredible: a set that has to be of a size that nobody believes; empty where there is none.
     """
 
     causes: tuple[Candidate, ...] = ()
     missed: float = 0.0
+    incredible: tuple[Candidate, ...] = ()
 
     def lacking(self, chosen: Sequence[Candidate]) -> float:
         """What a set of causes loses."""
-        there = {(one.cause.name, one.about) for one in chosen}
-        held = {(one.cause.name, one.about) for one in self.causes} <= there
-        return 0.0 if held else self.missed
+        there, held, never = (
+            {(one.cause.name, one.about) for one in causes}
+            for causes in (chosen, self.causes, self.incredible)
+        )
+        if never and never <= there:
+            return np.inf
+        return 0.0 if held <= there else self.missed
 
 
 NONE_NEEDED = Needed()

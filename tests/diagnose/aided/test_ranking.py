@@ -234,6 +234,20 @@ def test_sets_without_what_is_needed_have_less_evidence() -> None:
     assert sum(one.probability for one in held) == pytest.approx(1.0)
 
 
+def test_a_set_of_a_size_that_nobody_believes_is_nowhere_named() -> None:
+    """Nor with another cause beside it; all else is weighed as before."""
+    off = {"mass": 0.25, "thrust": 0.4}
+    never = (Candidate(CAUSES["thrust_scale"]), Candidate(CAUSES["mass"]))
+    free, held = several(off, {}, 1), several(off, {}, 1, Needed(incredible=never))
+    assert set(free[0].names) == {"mass", "thrust_scale"}
+    assert not {"mass", "thrust_scale"} <= set(held[0].names)
+    assert all(one.probability == 0.0 for one in held if {"mass", "thrust_scale"} <= set(one.names))
+    before = {one.names: one.log_bayes_factor for one in free}
+    for one in held:
+        if one.names in before and not {"mass", "thrust_scale"} <= set(one.names):
+            assert one.log_bayes_factor == pytest.approx(before[one.names])
+
+
 @pytest.mark.parametrize(("off", "low", "high"), [(0.0, 0.0, 0.25), (STATED, 0.5, 2.0)])
 def test_how_good_the_file_is_with_a_cause_apart(off: float, low: float, high: float) -> None:
     """A heavier aircraft is no reason to call the rest of the file wrong, where it may be one."""
