@@ -13,6 +13,7 @@ from gcs_sysid.aircraft import Aircraft
 from gcs_sysid.errors import RefusedError
 from gcs_sysid.model.kinematics import GRAVITY, MEASURED, Imu, Measurements
 from gcs_sysid.reconstruct import cut, inertial_filter
+from gcs_sysid.reconstruct.averaged import averaged
 from gcs_sysid.reconstruct.smoother import Inputs
 from gcs_sysid.recording import Recording, Stream
 
@@ -49,7 +50,7 @@ class FlightData:
         height: above home as the autopilot tells it, else above where the flight begins [m].
         above_home: whether it is above home.
         used: stream behind each group of `MEASURED` and behind `gyro`, `accelerometer`.
-        rates: sample rate of each of them in this interval [Hz].
+        rates: sample rate of each of them in this interval [Hz], as recorded.
     """
 
     time: Float[np.ndarray, " sample"]
@@ -77,6 +78,8 @@ class FlightData:
 def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]) -> FlightData:
     """Picks the best stream for every quantity inside `window` [s after the epoch].
 
+    Inertial samples that come more often than the motion asks for are averaged.
+
     Raises:
         RefusedError: when angular rate, airspeed, attitude or velocity is missing.
     """
@@ -100,20 +103,22 @@ def select(recording: Recording, aircraft: Aircraft, window: tuple[float, float]
     if time.size < 100:
         raise _missing(source, "angular rate while airborne", gyro_stream.name, "at 50 Hz")
     time, keep = np.unique(time, return_index=True)
-    gyro = gyro[keep]
+    felt, rates = gyro[keep], {"gyro": _rate(time)}
+    if inertial is not None:
+        if shortened:
+            force = cut.restored(force, cut.STEPS[3:])
+        felt = np.hstack([felt, _interpolate(time, force_time, force)])
+    time, felt = averaged(time, felt)
+    gyro = felt[:, :3]
     pressure = recording.first(PRESSURE_STREAMS, "static_pressure")
     static, height, above_home = _air(recording, pressure, time)
     used: dict[str, str] = {"gyro": gyro_stream.name}
-    rates: dict[str, float] = {"gyro": _rate(time)}
     measured = _measurements(recording, aircraft, time, static, used, rates)
-    attitude = _attitude_at(recording, time)
     if inertial is None:
-        still = frames.unrotate(attitude, np.array([[0.0, 0.0, -GRAVITY]]))
-        accelerometer = np.broadcast_to(still, gyro.shape)
+        attitude = _attitude_at(recording, time)
+        accelerometer = frames.unrotate(attitude, np.array([[0.0, 0.0, -GRAVITY]]))
     else:
-        if shortened:
-            force = cut.restored(force, cut.STEPS[3:])
-        accelerometer = _interpolate(time, force_time, force)
+        accelerometer = felt[:, 3:]
         used["accelerometer"] = inertial.name
         rates["accelerometer"] = _rate(force_time)
     gyro, without_errors = known_errors_off(aircraft, gyro, accelerometer)

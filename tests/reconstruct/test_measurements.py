@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from gcs_sysid import atmosphere, frames
@@ -372,3 +373,31 @@ def test_rows_for_the_filter_hold_both_ends_of_each_step(
     np.testing.assert_allclose(np.cumsum(rows.step), data.time - data.time[0], atol=1e-12)
     np.testing.assert_array_equal(rows.before.gyro[1:], rows.after.gyro[:-1])
     np.testing.assert_array_equal(rows.after.accelerometer, data.accelerometer)
+
+
+def test_what_comes_faster_than_motion_asks_for_is_averaged(
+    recording: Recording, aircraft: Aircraft
+) -> None:
+    """Five samples in place of each, with noise that alternates: what is left is the motion."""
+    slow = measurements.select(recording, aircraft, EVERYTHING)
+    stream = recording.streams["RAW_IMU"]
+    time = np.linspace(stream.time[0], stream.time[-1], 5 * (stream.time.size - 1) + 1)
+    shaken = 0.3 * np.sin(2.0 * np.pi * 100.0 * time)
+    channels = {
+        name: CubicSpline(stream.time, np.asarray(values))(time) + shaken
+        for name, values in stream.channels.items()
+    }
+    fast = replace(stream, time=time, link_time=time, channels=channels)
+    data = measurements.select(
+        replace(recording, streams={**recording.streams, "RAW_IMU": fast}), aircraft, EVERYTHING
+    )
+    assert data.rates["gyro"] == pytest.approx(250.0)
+    assert np.diff(data.time).max() == pytest.approx(0.02)
+    for name, within in (("gyro", 0.01), ("accelerometer", 0.05)):
+        there = CubicSpline(slow.time, getattr(slow, name))(data.time)
+        off = np.asarray(getattr(data, name)) - there
+        assert np.sqrt(np.mean(off[5:-5] ** 2)) < within
+    times, velocity = seen(data, "velocity")
+    wanted_times, wanted = seen(slow, "velocity")
+    np.testing.assert_allclose(times, wanted_times, atol=1e-9)
+    np.testing.assert_array_equal(velocity, wanted)
