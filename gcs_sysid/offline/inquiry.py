@@ -34,6 +34,7 @@ from gcs_sysid.estimate.settling import QUIET
 from gcs_sysid.estimate.weighed import SETS
 from gcs_sysid.offline import servo_sizes
 from gcs_sysid.offline.flight import Progress
+from gcs_sysid.offline.promised import Reached, likelier, overrated
 from gcs_sysid.offline.question import (
     FIRST_SETS,
     REFUTED,
@@ -165,6 +166,7 @@ class Inquiry:
         self._right = self._overshot = False
         # Causes, and sizes of servos' changes beside which others were less likely.
         self._at_rest: list[tuple[frozenset[Candidate], dict[str, float]]] = []
+        self._searched = list[Reached]()
         self.outdone = False
         self._asked_for: _AskedFor | None = None
         self._term_tried: _TermTried | None = None
@@ -263,6 +265,8 @@ class Inquiry:
 
     def _weigh(self) -> None:
         told = self.standing.information
+        here = Reached(self.standing, self.question.listed)
+        self._needed = self._needed._replace(overrated=overrated(here, self._searched))
         self.ranked = rank(told, self.question.listed, self.every, self._needed)
         self._kept(self.ranked)
 
@@ -270,6 +274,7 @@ class Inquiry:
         """Flights searched on without any cause."""
         flying = self.telling("flying the simulation along", 0)
         self.standing = self.question.rested(flying, self.standing)
+        self._searched.append(Reached(self.standing, self.question.listed))
         self._weigh()
 
     def _favourite(self) -> _Favourite | None:
@@ -311,9 +316,14 @@ class Inquiry:
             self._overshot = True
             return True
         self._tested |= set(tried.sets)
+        if trial.ended or favourite.sets == SETS:
+            self._searched.append(Reached(trial, tried.question.listed))
         calmer = trial.left < standing.left and lost <= REFUTED and not standing.ended
         if favourite.again and not (
-            calmer or _likelier(trial, standing, listed, self.every, self._needed)
+            calmer
+            or likelier(
+                *(Reached(trial, listed), Reached(standing, listed)), self.every, self._needed
+            )
         ):
             return False
         found = _found(tried.question.listed, trial, favourite.accuracy)
@@ -554,25 +564,6 @@ def _with_a_right_file(
     if other.causes and density(told, other) > density(told, best) - WORTH:
         return other
     return None if standing.ended else best
-
-
-def _likelier(
-    trial: Answer,
-    standing: Answer,
-    listed: Unknowns,
-    every: Sequence[Candidate],
-    needed: Needed,
-) -> bool:
-    """Whether flights are more probable with the best set of causes about one end than the other.
-
-    Each measurement counts for as much in either.
-    """
-    count = min(trial.information.count, standing.information.count)
-    there, here = (
-        one.information.weighed(count / one.information.count) for one in (trial, standing)
-    )
-    best = (density(told, rank(told, listed, every, needed)[0]) for told in (there, here))
-    return next(best) > next(best)
 
 
 def _found(listed: Unknowns, trial: Answer, accuracy: float) -> Float[np.ndarray, " unknown"]:

@@ -16,11 +16,12 @@ from gcs_sysid.diagnose.evidence import Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
-from gcs_sysid.offline import inquiry, investigation, question, servo_sizes
+from gcs_sysid.offline import inquiry, investigation, promised, question, servo_sizes
 from gcs_sysid.offline.flight import Flight
 from gcs_sysid.offline.inquiry import Inquiry
 from gcs_sysid.offline.leads import Lead, RestlessError
 from gcs_sysid.offline.question import Answer, Trial
+from gcs_sysid.reconstruct.causal import Told
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 from tests.offline.made_aircraft import small
 
@@ -114,7 +115,8 @@ class Restless(Question):
         done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
         information = replace(told({"mass": 0.12}), shared=likelihood)
         (one,) = asked
-        weighed = Mock(spec=Weighed, settled=done, by=Mock(spec=Relation))
+        heard = Told(np.eye(1), np.zeros(1), information.count)
+        weighed = Mock(spec=Weighed, settled=done, by=Mock(spec=Relation), told=heard)
         return [Answer(one.causes, [weighed], information, information)]
 
     def missing(self, standing: Answer) -> None:
@@ -158,7 +160,8 @@ def test_when_the_file_is_tried_as_right(
     loose, right = believed(1.0, 0.0), believed(RIGHT, np.log(ACCURACIES[1.0]) - behind)
     right = replace(right, prior=right.prior / ACCURACIES[RIGHT])
     asked_of(monkeypatch, asking)
-    monkeypatch.setattr(inquiry, "rank", lambda *_: (loose,))
+    for one in (inquiry, promised):
+        monkeypatch.setattr(one, "rank", lambda *_: (loose,))
     monkeypatch.setattr(inquiry, "with_a_right_file", lambda *_: right)
     unread = Flight.__new__(Flight)
     with pytest.raises(Over) as over:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -148,28 +149,56 @@ def likeliest_accuracy(
     return tuple(ACCURACIES)[int(np.argmax(density))]
 
 
-class Needed(NamedTuple):
-    """Causes of which flights have shown that without them they are far less likely.
+class Overrated(NamedTuple):
+    """What seems likelier from where flights stand than a search with it has shown it to be.
+
+    It holds for sets that differ from what flights were searched with there as that search did.
 
     Attributes:
-        causes: which.
+        extra: causes that were free in it, and are not where flights stand.
+        missing: causes that are free there, and were not in it.
+        by: evidence that sets with the ones and without the others have too much [nat]; below 0
+            where they were found to be likelier.
+    """
+
+    extra: tuple[Candidate, ...]
+    missing: tuple[Candidate, ...]
+    by: float
+
+
+class Needed(NamedTuple):
+    """What searches have shown of sets of causes, beyond what is seen from where flights stand.
+
+    Attributes:
+        causes: without which flights are far less likely.
         missed: by how much sets without all of them have less evidence [nat].
         incredible: a set that has to be of a size that nobody believes; empty where there is none.
+        overrated: as searches have shown.
     """
 
     causes: tuple[Candidate, ...] = ()
     missed: float = 0.0
     incredible: tuple[Candidate, ...] = ()
+    overrated: tuple[Overrated, ...] = ()
 
     def lacking(self, chosen: Sequence[Candidate]) -> float:
         """What a set of causes loses."""
-        there, held, never = (
-            {(one.cause.name, one.about) for one in causes}
-            for causes in (chosen, self.causes, self.incredible)
-        )
+        there, held, never = (_names(causes) for causes in (chosen, self.causes, self.incredible))
         if never and never <= there:
             return np.inf
-        return 0.0 if held <= there else self.missed
+        return (0.0 if held <= there else self.missed) + self._promised(there)
+
+    def _promised(self, there: AbstractSet[tuple[str, str]]) -> float:
+        """What a set loses by what was promised too much: of what is nearest to it."""
+        held = [one for one in self.overrated if _names(one.extra) <= there]
+        alike = [one for one in held if not _names(one.missing) & there]
+        if alike:
+            return max(alike, key=lambda one: (len(one.extra), len(one.missing))).by
+        return max((one.by for one in held if one.extra and one.by > 0.0), default=0.0)
+
+
+def _names(causes: Sequence[Candidate]) -> set[tuple[str, str]]:
+    return {(one.cause.name, one.about) for one in causes}
 
 
 NONE_NEEDED = Needed()

@@ -15,6 +15,7 @@ from gcs_sysid.diagnose.aided.ranking import (
     NONE_NEEDED,
     RIGHT,
     Needed,
+    Overrated,
     density,
     likeliest_accuracy,
     rank,
@@ -246,6 +247,23 @@ def test_a_set_of_a_size_that_nobody_believes_is_nowhere_named() -> None:
     for one in held:
         if one.names in before and not {"mass", "thrust_scale"} <= set(one.names):
             assert one.log_bayes_factor == pytest.approx(before[one.names])
+
+
+def test_what_a_search_did_not_keep_is_no_evidence() -> None:
+    """Of sets that differ from where flights stand as the search did; of others that hold it."""
+    mass, thrust = Candidate(CAUSES["mass"]), Candidate(CAUSES["thrust_scale"])
+    bent = (Overrated((thrust,), (mass,), 30.0), Overrated((), (mass,), -5.0))
+    off = {"mass": 0.25, "thrust": 0.4}
+    free, held = several(off, {}, 1), several(off, {}, 1, Needed(overrated=bent))
+    before = {one.names: one.log_bayes_factor for one in free}
+    seen = set()
+    for one in held:
+        if one.names in before:
+            lower = 30.0 if "thrust_scale" in one.names else 0.0 if "mass" in one.names else -5.0
+            assert one.log_bayes_factor == pytest.approx(before[one.names] - lower)
+            seen.add(lower)
+    assert seen == {30.0, 0.0, -5.0}
+    assert sum(one.probability for one in held) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("off", "low", "high"), [(0.0, 0.0, 0.25), (STATED, 0.5, 2.0)])

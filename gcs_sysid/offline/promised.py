@@ -1,0 +1,94 @@
+"""What is foretold of sets of causes, held against what searches with them reached.
+
+Evidence about one point is of the flights as far from there as a set of causes says to go. Where
+gains of the filter change on the way, that is a promise: about the end of one search another set
+was 25 nats more probable than where the search with it had stood still, a whole 50 nats of steps
+short of what these promised. A set that was searched is worth what its search reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, Needed, Overrated, density, rank
+from gcs_sysid.diagnose.aided.unknowns import Unknowns
+from gcs_sysid.diagnose.cause import Candidate
+from gcs_sysid.diagnose.evidence import Information, posterior
+from gcs_sysid.offline.question import Answer
+
+
+class Reached(NamedTuple):
+    """The end of a search with a set of causes.
+
+    Attributes:
+        answer: flights there.
+        listed: all unknowns, with what servos' changes were reckoned with.
+    """
+
+    answer: Answer
+    listed: Unknowns
+
+    @property
+    def left(self) -> float:
+        """What steps would still gain, as much as each measurement counts for there [nat]."""
+        rows = sum(one.told.count for one in self.answer.each)
+        return self.answer.left * self.answer.information.count / rows
+
+
+def overrated(standing: Reached, others: Sequence[Reached]) -> tuple[Overrated, ...]:
+    """By how much sets that were searched seem more probable than they are, from elsewhere.
+
+    Args:
+        standing: where flights stand.
+        others: ends of other searches; of those with the same causes the best counts.
+    """
+    found = dict[frozenset[Candidate], Overrated]()
+    here = standing.answer.causes
+    for one in others:
+        causes = one.answer.causes
+        if set(causes) == set(here):
+            continue
+        count = min(each.answer.information.count for each in (standing, one))
+        foretold = _density(standing, causes, count) - _scaled(standing, count)
+        kept = _density(one, causes, count) - _scaled(one, count)
+        extra = tuple(each for each in causes if each not in here)
+        missing = tuple(each for each in here if each not in causes)
+        told = Overrated(extra, missing, foretold - kept)
+        before = found.get(frozenset(causes))
+        if before is None or told.by < before.by:
+            found[frozenset(causes)] = told
+    return tuple(found.values())
+
+
+def likelier(there: Reached, here: Reached, every: Sequence[Candidate], needed: Needed) -> bool:
+    """Whether flights are more probable with the best set about one end than about the other."""
+    count = min(each.answer.information.count for each in (there, here))
+    bare = needed._replace(overrated=())
+
+    def best(one: Reached) -> float:
+        told = _weighed(one, count)
+        return density(told, rank(told, one.listed, every, bare)[0]) - _scaled(one, count)
+
+    return best(there) > best(here)
+
+
+def _weighed(one: Reached, count: float) -> Information:
+    """What flights say at an end, each measurement counting for as much as elsewhere."""
+    return one.answer.information.weighed(count / one.answer.information.count)
+
+
+def _scaled(one: Reached, count: float) -> float:
+    return one.left * count / one.answer.information.count
+
+
+def _density(one: Reached, causes: Sequence[Candidate], count: float) -> float:
+    """Of flights and beliefs about an end."""
+    data = _weighed(one, count)
+    each = [
+        posterior(data, *one.listed.as_accurate(share).freed(causes)).log_evidence + np.log(prior)
+        for share, prior in ACCURACIES.items()
+    ]
+    return float(data.shared + max(each))
