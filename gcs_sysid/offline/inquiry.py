@@ -34,7 +34,7 @@ from gcs_sysid.estimate.settling import QUIET
 from gcs_sysid.estimate.weighed import SETS
 from gcs_sysid.offline import servo_sizes
 from gcs_sysid.offline.flight import Progress
-from gcs_sysid.offline.promised import Reached, likelier, overrated
+from gcs_sysid.offline.promised import Reached, likelier, overrated, reached
 from gcs_sysid.offline.question import (
     FIRST_SETS,
     REFUTED,
@@ -265,7 +265,7 @@ class Inquiry:
 
     def _weigh(self) -> None:
         told = self.standing.information
-        here = Reached(self.standing, self.question.listed)
+        here = reached(self.standing, self.question.listed)
         self._needed = self._needed._replace(overrated=overrated(here, self._searched))
         self.ranked = rank(told, self.question.listed, self.every, self._needed)
         self._kept(self.ranked)
@@ -274,7 +274,7 @@ class Inquiry:
         """Flights searched on without any cause."""
         flying = self.telling("flying the simulation along", 0)
         self.standing = self.question.rested(flying, self.standing)
-        self._searched.append(Reached(self.standing, self.question.listed))
+        self._searched.append(reached(self.standing, self.question.listed))
         self._weigh()
 
     def _favourite(self) -> _Favourite | None:
@@ -317,12 +317,12 @@ class Inquiry:
             return True
         self._tested |= set(tried.sets)
         if trial.ended or favourite.sets == SETS:
-            self._searched.append(Reached(trial, tried.question.listed))
+            self._searched.append(reached(trial, tried.question.listed))
         calmer = trial.left < standing.left and lost <= REFUTED and not standing.ended
         if favourite.again and not (
             calmer
             or likelier(
-                *(Reached(trial, listed), Reached(standing, listed)), self.every, self._needed
+                *(reached(trial, listed), reached(standing, listed)), self.every, self._needed
             )
         ):
             return False
@@ -533,13 +533,21 @@ def _strongest_first(
     Where a search ended far from rest, all that is seen from there is a long way off, and causes
     that are not there make up for what a large one overshoots. Late commands in ArduPlane's flight
     came with an elevator's lag and an inertia that are not there; the search with all of them
-    stood still 5 000 nats below where that with what is there ends.
+    stood still 5 000 nats below where that with what is there ends. Of several new causes of one
+    servo, too, the strongest comes first: a lag far from the size that it was reckoned with looks
+    like a slower one and a limit of its rate.
     """
     known = set(standing.causes)
-    if standing.ended or len(set(best.causes) - known) <= AT_ONCE:
+    crowded = servo_sizes.of_one_servo(set(best.causes) - known)
+    if not crowded and (standing.ended or len(set(best.causes) - known) <= AT_ONCE):
         return best
     found = rank(standing.information, listed, best.causes, needed, {best.accuracy: 1.0})
-    near = (one for one in found if len(set(one.causes) - known) <= 1)
+    near = (
+        one
+        for one in found
+        if not servo_sizes.of_one_servo(set(one.causes) - known)
+        and (crowded or len(set(one.causes) - known) <= 1)
+    )
     return next((one for one in near if frozenset(one.causes) not in tested), best)
 
 

@@ -24,18 +24,23 @@ class Reached(NamedTuple):
     """The end of a search with a set of causes.
 
     Attributes:
-        answer: flights there.
+        causes: which.
+        information: what flights say there.
+        left: what steps would still gain, each measurement counting for as much as there [nat].
         listed: all unknowns, with what servos' changes were reckoned with.
     """
 
-    answer: Answer
+    causes: tuple[Candidate, ...]
+    information: Information
+    left: float
     listed: Unknowns
 
-    @property
-    def left(self) -> float:
-        """What steps would still gain, as much as each measurement counts for there [nat]."""
-        rows = sum(one.told.count for one in self.answer.each)
-        return self.answer.left * self.answer.information.count / rows
+
+def reached(answer: Answer, listed: Unknowns) -> Reached:
+    """Of an answer no more than is asked for later: its instruments are a hundred megabytes."""
+    rows = sum(one.told.count for one in answer.each)
+    left = answer.left * answer.information.count / rows
+    return Reached(answer.causes, answer.information, left, listed)
 
 
 def overrated(standing: Reached, others: Sequence[Reached]) -> tuple[Overrated, ...]:
@@ -46,26 +51,25 @@ def overrated(standing: Reached, others: Sequence[Reached]) -> tuple[Overrated, 
         others: ends of other searches; of those with the same causes the best counts.
     """
     found = dict[frozenset[Candidate], Overrated]()
-    here = standing.answer.causes
+    here = standing.causes
     for one in others:
-        causes = one.answer.causes
-        if set(causes) == set(here):
+        if set(one.causes) == set(here):
             continue
-        count = min(each.answer.information.count for each in (standing, one))
-        foretold = _density(standing, causes, count) - _scaled(standing, count)
-        kept = _density(one, causes, count) - _scaled(one, count)
-        extra = tuple(each for each in causes if each not in here)
-        missing = tuple(each for each in here if each not in causes)
+        count = min(each.information.count for each in (standing, one))
+        foretold = _density(standing, one.causes, count) - _scaled(standing, count)
+        kept = _density(one, one.causes, count) - _scaled(one, count)
+        extra = tuple(each for each in one.causes if each not in here)
+        missing = tuple(each for each in here if each not in one.causes)
         told = Overrated(extra, missing, foretold - kept)
-        before = found.get(frozenset(causes))
+        before = found.get(frozenset(one.causes))
         if before is None or told.by < before.by:
-            found[frozenset(causes)] = told
+            found[frozenset(one.causes)] = told
     return tuple(found.values())
 
 
 def likelier(there: Reached, here: Reached, every: Sequence[Candidate], needed: Needed) -> bool:
     """Whether flights are more probable with the best set about one end than about the other."""
-    count = min(each.answer.information.count for each in (there, here))
+    count = min(each.information.count for each in (there, here))
     bare = needed._replace(overrated=())
 
     def best(one: Reached) -> float:
@@ -77,11 +81,11 @@ def likelier(there: Reached, here: Reached, every: Sequence[Candidate], needed: 
 
 def _weighed(one: Reached, count: float) -> Information:
     """What flights say at an end, each measurement counting for as much as elsewhere."""
-    return one.answer.information.weighed(count / one.answer.information.count)
+    return one.information.weighed(count / one.information.count)
 
 
 def _scaled(one: Reached, count: float) -> float:
-    return one.left * count / one.answer.information.count
+    return one.left * count / one.information.count
 
 
 def _density(one: Reached, causes: Sequence[Candidate], count: float) -> float:

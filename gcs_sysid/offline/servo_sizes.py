@@ -6,7 +6,7 @@ they turn out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -52,3 +52,9 @@ def freed(
         parts = [name, *([listed.beside[name]] if name in listed.beside else [])]
         found[name] = float(sum(values[listed.names.index(each)] for each in parts))
     return found
+
+
+def of_one_servo(causes: Iterable[Candidate]) -> bool:
+    """Whether two of the causes are about how one control follows what it is told."""
+    about = [one.about for one in causes if one.cause.name.startswith("actuator_")]
+    return len(about) > len(set(about))

@@ -11,8 +11,9 @@ import pytest
 
 from gcs_sysid.diagnose.aided import other_names
 from gcs_sysid.diagnose.aided.ranking import ACCURACIES, NONE_NEEDED, RIGHT, Needed, rank
+from gcs_sysid.diagnose.catalogue import CAUSES
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.evidence import Posterior
+from gcs_sysid.diagnose.evidence import Information, Posterior
 from gcs_sysid.diagnose.hypothesis import Ranked
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Relation, Weighed
@@ -24,6 +25,13 @@ from gcs_sysid.offline.question import Answer, Trial
 from gcs_sysid.reconstruct.causal import Told
 from tests.diagnose.aided.made_unknowns import EVERY, listed, told
 from tests.offline.made_aircraft import small
+
+
+def at_rest(information: Information, likelihood: float = 0.0, left: float = 0.0) -> Weighed:
+    """A flight at the end of its search, or where so much was left to gain."""
+    done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
+    heard = Told(np.eye(1), np.zeros(1), information.count)
+    return Mock(spec=Weighed, settled=done, by=Mock(spec=Relation), told=heard)
 
 
 class Question(question.Question):
@@ -48,14 +56,15 @@ class Question(question.Question):
 
     def answered(self, *_given: object, **_named: object) -> Answer:
         information = told({"cg.x": -0.1})
-        return Answer((), (), information, information.weighed(0.5))
+        return Answer((), [at_rest(information)], information, information.weighed(0.5))
 
     def tried(self, _telling: object, asked: Sequence[Trial], *_given: object) -> list[Answer]:
         self.turns += 1
         if self.turns == 2:
             raise KeyboardInterrupt
         information = told({"cg.x": -0.1, "mass": 0.12})
-        return [Answer(one.causes, (), information, information) for one in asked]
+        each = [at_rest(information)]
+        return [Answer(one.causes, each, information, information) for one in asked]
 
 
 class Asked(question.Asked):
@@ -112,12 +121,10 @@ class Restless(Question):
             raise KeyboardInterrupt
         likelihood, left = self.ends.pop(0)
         self.accuracies.append(accuracy)
-        done = Mock(spec=Settled, log_likelihood=(likelihood,), ended=left < 30.0, left=left)
         information = replace(told({"mass": 0.12}), shared=likelihood)
         (one,) = asked
-        heard = Told(np.eye(1), np.zeros(1), information.count)
-        weighed = Mock(spec=Weighed, settled=done, by=Mock(spec=Relation), told=heard)
-        return [Answer(one.causes, [weighed], information, information)]
+        each = [at_rest(information, likelihood, left)]
+        return [Answer(one.causes, each, information, information)]
 
     def missing(self, standing: Answer) -> None:
         """Here the search is over."""
@@ -189,6 +196,41 @@ def test_of_many_causes_the_strongest_is_set_free_first_far_from_rest(left: floa
     assert first(set()).causes == (EVERY[0],)
     assert first({frozenset(EVERY[:1])}).causes != (EVERY[0],)
     # One is known already: two more are no long way.
+    assert first(set(), EVERY[:1]) is best
+
+
+def test_of_two_causes_of_one_servo_the_stronger_is_set_free_first() -> None:
+    """Even at rest: about the right size of a lag its rate may need no limit."""
+    lag, limit, other = (
+        Candidate(CAUSES[name], about)
+        for name, about in (
+            ("actuator_lag", "rudder"),
+            ("actuator_rate_limit", "rudder"),
+            ("actuator_lag", "elevator"),
+        )
+    )
+    assert servo_sizes.of_one_servo((lag, limit, other))
+    assert not servo_sizes.of_one_servo((lag, other))
+    assert not servo_sizes.of_one_servo((limit, other))
+
+
+def test_what_is_of_another_servo_is_set_free_with_it(monkeypatch) -> None:
+    """Mass and airspeed stand for a lag and a limit of one servo, at rest."""
+    information = told({"mass": 0.3, "cg.x": 0.1, "airspeed": 0.08})
+    both = {EVERY[0], EVERY[2]}
+    monkeypatch.setattr(servo_sizes, "of_one_servo", lambda causes: both <= set(causes))
+    each = [Mock(spec=Weighed, settled=Mock(spec=Settled, ended=True))]
+    standing = Answer((), each, information, information)
+    best = replace(rank(information, listed(), EVERY)[0], causes=EVERY)
+
+    def first(tested: set[frozenset[Candidate]], known: tuple[Candidate, ...] = ()) -> Ranked:
+        there = replace(standing, causes=known)
+        return inquiry._strongest_first(there, best, listed(), NONE_NEEDED, tested)
+
+    begun = first(set())
+    assert len(both & set(begun.causes)) == 1
+    # What was tried is not tried again; what stands already crowds nothing.
+    assert first({frozenset(begun.causes)}).causes != begun.causes
     assert first(set(), EVERY[:1]) is best
 
 
