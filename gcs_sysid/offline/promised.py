@@ -2,8 +2,8 @@
 
 Evidence about one point is of the flights as far from there as a set of causes says to go. Where
 gains of the filter change on the way, that is a promise: about the end of one search another set
-was 25 nats more probable than where the search with it had stood still, a whole 50 nats of steps
-short of what these promised. A set that was searched is worth what its search reached.
+was 20 nats more probable, the search with which had stood still 50 nats of steps short of what
+these promised. A set that was searched is worth what its search reached.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_sysid.diagnose.aided.ranking import ACCURACIES, Needed, Overrated, density, rank
+from gcs_sysid.diagnose.aided.ranking import ACCURACIES, Needed, Overrated, density, labels, rank
 from gcs_sysid.diagnose.aided.unknowns import Unknowns
 from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information, posterior
@@ -50,20 +50,20 @@ def overrated(standing: Reached, others: Sequence[Reached]) -> tuple[Overrated, 
         standing: where flights stand.
         others: ends of other searches; of those with the same causes the best counts.
     """
-    found = dict[frozenset[Candidate], Overrated]()
-    here = standing.causes
+    found = dict[frozenset[str], Overrated]()
+    here = labels(standing.causes)
     for one in others:
-        if set(one.causes) == set(here):
+        if labels(one.causes) == here:
             continue
         count = min(each.information.count for each in (standing, one))
         foretold = _density(standing, one.causes, count) - _scaled(standing, count)
         kept = _density(one, one.causes, count) - _scaled(one, count)
-        extra = tuple(each for each in one.causes if each not in here)
-        missing = tuple(each for each in here if each not in one.causes)
+        extra = tuple(each for each in one.causes if labels([each]) - here)
+        missing = tuple(each for each in standing.causes if labels([each]) - labels(one.causes))
         told = Overrated(extra, missing, foretold - kept)
-        before = found.get(frozenset(one.causes))
+        before = found.get(searched := frozenset(labels(one.causes)))
         if before is None or told.by < before.by:
-            found[frozenset(one.causes)] = told
+            found[searched] = told
     return tuple(found.values())
 
 

@@ -13,6 +13,7 @@ from gcs_sysid.diagnose.cause import Candidate
 from gcs_sysid.diagnose.evidence import Information
 from gcs_sysid.estimate.settling import Settled
 from gcs_sysid.estimate.weighed import Weighed
+from gcs_sysid.offline import promised
 from gcs_sysid.offline.promised import Reached, likelier, overrated, reached
 from gcs_sysid.offline.question import Answer
 from gcs_sysid.reconstruct.causal import Told
@@ -61,6 +62,15 @@ def test_a_search_that_reached_more_than_was_foretold_counts_for_that() -> None:
     assert min(one.by for one in overrated(standing, ends)) == pytest.approx(-9.0)
     assert len(overrated(standing, ends)) == 1
     assert overrated(standing, [standing]) == ()
+
+
+def test_the_same_cause_at_another_place_is_no_other(monkeypatch) -> None:
+    information = told({"mass": 0.12})
+    elsewhere = replace(MASS, at=0.1)
+    monkeypatch.setattr(promised, "_density", lambda *_: 0.0)
+    assert overrated(end((MASS,), information, 0.0), [end((elsewhere,), information, 9.0)]) == ()
+    (found,) = overrated(end((MASS,), information, 0.0), [end((elsewhere, LAST), information, 9.0)])
+    assert (found.extra, found.missing) == ((LAST,), ())
 
 
 def test_a_cause_whose_search_stood_still_does_not_stay() -> None:

@@ -183,22 +183,23 @@ class Needed(NamedTuple):
 
     def lacking(self, chosen: Sequence[Candidate]) -> float:
         """What a set of causes loses."""
-        there, held, never = (_names(causes) for causes in (chosen, self.causes, self.incredible))
+        there, held, never = (labels(causes) for causes in (chosen, self.causes, self.incredible))
         if never and never <= there:
             return np.inf
         return (0.0 if held <= there else self.missed) + self._promised(there)
 
-    def _promised(self, there: AbstractSet[tuple[str, str]]) -> float:
+    def _promised(self, there: AbstractSet[str]) -> float:
         """What a set loses by what was promised too much: of what is nearest to it."""
-        held = [one for one in self.overrated if _names(one.extra) <= there]
-        alike = [one for one in held if not _names(one.missing) & there]
+        held = [one for one in self.overrated if labels(one.extra) <= there]
+        alike = [one for one in held if not labels(one.missing) & there]
         if alike:
             return max(alike, key=lambda one: (len(one.extra), len(one.missing))).by
         return max((one.by for one in held if one.extra and one.by > 0.0), default=0.0)
 
 
-def _names(causes: Sequence[Candidate]) -> set[tuple[str, str]]:
-    return {(one.cause.name, one.about) for one in causes}
+def labels(causes: Sequence[Candidate]) -> set[str]:
+    """Causes and what they are about, wherever they are."""
+    return {one.label for one in causes}
 
 
 NONE_NEEDED = Needed()
