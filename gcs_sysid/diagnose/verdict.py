@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from gcs_sysid.diagnose.cause import Candidate
-from gcs_sysid.diagnose.hypothesis import Ranked
+from gcs_sysid.diagnose.hypothesis import Estimate, Ranked
 
 Answer = Literal["effect", "no_effect", "ambiguous", "unlisted_effect", "insufficient_data"]
 
@@ -48,6 +48,7 @@ class Verdict:
         ranked: sets of causes, the most probable first, each with those that only add to `best`
             what is not sure.
         perhaps: probability of each cause beside those that are named.
+        sizes: of each of these, in the most probable set that holds it beside what is named.
     """
 
     answer: Answer
@@ -55,6 +56,7 @@ class Verdict:
     indistinguishable: tuple[Ranked, ...]
     ranked: tuple[Ranked, ...]
     perhaps: Mapping[Candidate, float]
+    sizes: Mapping[Candidate, tuple[Estimate, ...]] = field(default_factory=dict)
 
     @property
     def sure(self) -> tuple[Candidate, ...]:
@@ -95,7 +97,9 @@ def judge(ranked: Sequence[Ranked], shown: Sequence[bool]) -> Verdict:
         if told < set(named.causes):
             named = _part(named, told)
         named, rest = _with_its_supersets(ranked, named)
-        return Verdict("effect", named, (named,), (named, *rest), _perhaps(ranked, named))
+        perhaps = _perhaps(ranked, named)
+        sizes = {one: _size(ranked, named, one) for one in perhaps}
+        return Verdict("effect", named, (named,), (named, *rest), perhaps, sizes)
     enough = sum(shown) * 2 >= len(shown) and len(shown) > 0
     quiet = not best.causes and best.probability >= QUIET
     answer: Answer = "no_effect" if quiet and enough else "insufficient_data"
@@ -143,6 +147,13 @@ def _perhaps(ranked: Sequence[Ranked], named: Ranked) -> dict[Candidate, float]:
                 found[candidate] = found.get(candidate, 0.0) + item.probability
     listed = sorted(found.items(), key=lambda each: -each[1])
     return {candidate: share for candidate, share in listed if share >= MENTIONED}
+
+
+def _size(ranked: Sequence[Ranked], named: Ranked, one: Candidate) -> tuple[Estimate, ...]:
+    """Of a cause beside those that are named, as the most probable set of them has it."""
+    holds = (item for item in ranked if {*named.causes, one} <= set(item.causes))
+    best = max(holds, key=lambda item: item.probability)
+    return dict(zip(best.causes, best.estimates, strict=False)).get(one, ())
 
 
 def sustained(answer: Verdict, gained: float, against: float = 0.0) -> Verdict:

@@ -56,6 +56,9 @@ def verdict(
         "separate": separate(answer, aircraft),
         "effects": list(best.names) if named else ["unlisted"] if missing else [],
         "perhaps": {one.label: share for one, share in answer.perhaps.items()} if named else {},
+        "perhaps_parameters": {
+            one.label: _parameters([(one, sizes)]) for one, sizes in answer.sizes.items() if named
+        },
         "unlisted": None
         if missing is None
         else {
@@ -130,9 +133,10 @@ def ranking(
     return sorted(listed, key=lambda item: -item["probability"])
 
 
-def _ranked(item: Ranked) -> dict[str, Any]:
+def _parameters(of: Sequence[tuple[Candidate, tuple[Estimate, ...]]]) -> dict[str, Any]:
+    """Of causes, by name; where two have one of the same name, with what the second is about."""
     parameters: dict[str, Any] = {}
-    for candidate, estimates in pairs(item):
+    for candidate, estimates in of:
         for estimate in estimates:
             entry: dict[str, Any] = {
                 "value": estimate.value,
@@ -145,12 +149,16 @@ def _ranked(item: Ranked) -> dict[str, Any]:
                 entry["same_servos"] = list(candidate.also)
             name = estimate.name
             parameters[name if name not in parameters else f"{name} {candidate.label}"] = entry
+    return parameters
+
+
+def _ranked(item: Ranked) -> dict[str, Any]:
     return {
         "causes": list(item.names) or ["none"],
         "label": " and ".join(one.label for one in item.causes) or "nothing",
         "probability": item.probability,
         "log_bayes_factor": item.log_bayes_factor,
-        "parameters": parameters,
+        "parameters": _parameters(pairs(item)),
     }
 
 

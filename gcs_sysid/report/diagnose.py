@@ -81,7 +81,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     if named:
         found.append(Finding("Gain", _gained(gain)))
     if summary.get("perhaps"):
-        found.append(Finding("Perhaps", _perhaps(summary["perhaps"])))
+        found.append(Finding("Perhaps", _perhaps(summary)))
     if summary.get("followed", True):
         others = [item for item in summary["ranking"][1:4]]
         words = "; ".join(f"{item['label']} {probability(item['probability'])}" for item in others)
@@ -133,10 +133,15 @@ def _shown_from(entry: Mapping) -> float:
     return np.inf if named is None else named
 
 
-def _perhaps(causes: Mapping) -> str:
-    """What may be at work beside what is sure."""
-    words = ", ".join(f"{name} {probability(share)}" for name, share in causes.items())
-    return f"beside what is sure, by its probability: {words}."
+def _perhaps(summary: Mapping) -> str:
+    """What may be at work beside what is sure, and how large it would be."""
+    sizes = {name: _sizes(each) for name, each in summary.get("perhaps_parameters", {}).items()}
+    words = ", ".join(
+        f"{name} {probability(share)}" + (f" ({sizes[name]})" if sizes.get(name) else "")
+        for name, share in summary["perhaps"].items()
+    )
+    interval = " (sizes ± 95 %)" if any(sizes.values()) else ""
+    return f"beside what is sure, by its probability: {words}{interval}."
 
 
 def _accuracy(share: float) -> str:
@@ -244,10 +249,14 @@ def _sentence(text: str) -> str:
 
 
 def _parameters(item: Mapping) -> str:
+    return _sizes(item["parameters"])
+
+
+def _sizes(parameters: Mapping) -> str:
     return ", ".join(
         f"{name} {plus_minus(entry['value'], _SIGMAS * entry['sd'])}"
         + ("" if entry["unit"] == "1" else f" {entry['unit']}")
-        for name, entry in item["parameters"].items()
+        for name, entry in parameters.items()
     )
 
 

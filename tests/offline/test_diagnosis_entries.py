@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,21 @@ def verdict(answer: str, *sets: tuple) -> Verdict:
         for causes in sets
     )
     return Verdict(answer, ranked[0], ranked, ranked, {})
+
+
+def test_what_is_perhaps_at_work_has_its_size() -> None:
+    told = verdict("effect", (SHIFT,))
+    lag, late = one("actuator_lag", "rudder", time_constant=(0.0, 3.0)), LATE
+    told = replace(
+        told, perhaps={lag[0]: 0.6, late[0]: 0.3}, sizes={lag[0]: lag[1], late[0]: late[1]}
+    )
+    found = entries.verdict(told, aircraft(), None)
+    assert found["perhaps"] == {"actuator_lag rudder": 0.6, "time_skew SERVO_OUTPUT_RAW": 0.3}
+    size = found["perhaps_parameters"]["actuator_lag rudder"]["time_constant"]
+    assert size == {"value": pytest.approx(0.3), "sd": 0.1, "unit": "1", "control": "rudder"}
+    assert found["perhaps_parameters"].keys() == found["perhaps"].keys()
+    silent = entries.verdict(replace(told, answer="insufficient_data"), aircraft(), None)
+    assert silent["perhaps"] == silent["perhaps_parameters"] == {}
 
 
 def separate(*sets: tuple) -> str | None:

@@ -96,6 +96,13 @@ def test_what_to_fly_is_said_of_causes_that_would_not_have_shown() -> None:
     doubted = told | {"perhaps": {"mass": 0.3}}
     next_one = {item.topic: item.text for item in diagnose.findings(doubted)}["Fly next"]
     assert next_one.startswith("For mass: load-factor turns")
+    size = {"mass_ratio": {"value": 1.072, "sd": 0.02, "unit": "1"}}
+    sized = doubted | {"perhaps_parameters": {"mass": size}}
+    for one, words in (
+        (doubted, "mass 30 %."),
+        (sized, "mass 30 % (mass_ratio 1.072 ± 0.039) (sizes ± 95 %)."),
+    ):
+        assert words in {item.topic: item.text for item in diagnose.findings(one)}["Perhaps"]
     assert "would not have shown" not in next_one
     silent = told | {"verdict": "insufficient_data", "explanation": [], "strained": {}}
     next_one = {item.topic: item.text for item in diagnose.findings(silent)}["Fly next"]

@@ -73,6 +73,21 @@ def test_of_causes_that_act_together_those_that_are_sure_are_named() -> None:
     assert [item.probability for item in answer.ranked] == pytest.approx([0.8, 0.1, 0.1])
 
 
+def test_a_perhaps_has_the_size_of_the_most_probable_set_with_it() -> None:
+    """Beside what is named, whatever else is in it."""
+
+    def sized(one: Ranked, *values: float) -> Ranked:
+        return replace(one, estimates=tuple((Estimate("x", v, 0.1, "1", 0.0),) for v in values))
+
+    likely = sized(some(("mass", "cg_shift"), 0.5, 41.0), 5.0, 6.0)
+    less = sized(some(("mass", "cg_shift", "airspeed_scale"), 0.3, 40.0), 7.0, 8.0, 9.0)
+    bare = sized(some(("mass",), 0.2, 40.5), 4.0)
+    answer = verdict.judge((likely, less, bare), (True,))
+    assert answer.best.names == ("mass",)
+    found = {one.cause.name: size.value for one, (size,) in answer.sizes.items()}
+    assert found == {"cg_shift": 6.0, "airspeed_scale": 9.0}
+
+
 def test_where_something_else_is_at_work_and_nobody_knows_what_nothing_is_named() -> None:
     """Mass with one thing or another beside it, and not alone."""
     first, second = (
@@ -119,6 +134,7 @@ def test_nobody_is_named_for_a_size_that_may_be_none() -> None:
     answer = verdict.judge((both, some((), 0.05, 0.0)), ())
     assert (answer.answer, answer.best.names) == ("effect", ("mass",))
     assert [one.cause.name for one in answer.perhaps] == ["actuator_lag"]
+    assert list(answer.sizes.values()) == [(sizes["actuator_lag"],)]
     alone = some(("actuator_lag",), 0.9, 41.0)
     alone = replace(alone, estimates=((sizes["actuator_lag"],),))
     assert verdict.judge((alone, some((), 0.05, 0.0)), ()).answer == "insufficient_data"
