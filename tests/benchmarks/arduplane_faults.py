@@ -129,16 +129,9 @@ class _Displaced:
         return dict(zip(rates, np.cross(change, self._place) + whirled, strict=True))
 
 
-_CHANNELS = {"aileron": 1, "elevator": 2, "rudder": 4}
-
-
-def _servo(surface: str) -> str:
-    """Lines of the aircraft file up to the surface's neutral position."""
-    channel = f"channel = {_CHANNELS[surface]}\n"
-    return channel + f'surface = "{surface}"\npwm = [1000, 1500, 2000]\ndeflection = '
-
-
-_ELEVATOR = _servo("elevator") + "[-57.29578, 0.0, 57.29578]\ntime_constant = "
+_ELEVATOR = 'surface = "elevator"\npwm = [1000, 1500, 2000]\ndeflection = '
+_NEUTRAL = _ELEVATOR + "[-57.29578, 0.0, 57.29578]"
+_SERVO = _NEUTRAL + "\ntime_constant = "
 
 FAULTS: dict[str, Fault] = {
     "nothing": Fault("", "", {}),
@@ -175,7 +168,7 @@ FAULTS: dict[str, Fault] = {
         "actuator_lag",
         "elevator",
         {"time_constant": 0.12},
-        file={_ELEVATOR + "0.14": _ELEVATOR + "0.02"},
+        file={_SERVO + "0.14": _SERVO + "0.02"},
     ),
     "aero_derivative": Fault(
         "aero_derivative",
@@ -184,7 +177,9 @@ FAULTS: dict[str, Fault] = {
         file={'"qhat" = -20.0': '"qhat" = -28.6'},
     ),
     "mass": Fault("mass", "", {"mass_ratio": 1.25}, file={"mass = 2.0": "mass = 1.718"}),
-    "inertia": Fault("inertia", "", {"Iyy_ratio": 1.0739 / 0.8}, file={"Iyy = 1.0": "Iyy = 0.8"}),
+    "inertia": Fault(
+        "inertia", "", {"Iyy_ratio": EAS2TAS**2 / 0.8}, file={"Iyy = 1.0": "Iyy = 0.8"}
+    ),
     "cg_shift": Fault(
         "cg_shift",
         "",
@@ -201,10 +196,7 @@ FAULTS: dict[str, Fault] = {
         "surface_offset",
         "elevator",
         {"offset": math.radians(6.0) / EAS2TAS**2 + 0.0265},
-        file={
-            _servo("elevator") + "[-57.29578, 0.0, 57.29578]": _servo("elevator")
-            + "[-63.29578, -6.0, 51.29578]"
-        },
+        file={_NEUTRAL: _ELEVATOR + "[-63.29578, -6.0, 51.29578]"},
     ),
     "elevator_effectiveness": Fault(
         "surface_effectiveness",

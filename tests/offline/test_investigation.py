@@ -199,8 +199,8 @@ def test_of_many_causes_the_strongest_is_set_free_first_far_from_rest(left: floa
     assert first(set(), EVERY[:1]) is best
 
 
-def test_of_two_causes_of_one_servo_the_stronger_is_set_free_first() -> None:
-    """Even at rest: about the right size of a lag its rate may need no limit."""
+def test_two_causes_of_one_servo_are_known_as_such() -> None:
+    """Lag and limit of a rudder are, lags of two controls are not."""
     lag, limit, other = (
         Candidate(CAUSES[name], about)
         for name, about in (
