@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from gcs_sysid.report.sheet import Section, Sheet, Table
 
 _BINS = 700
 _BARS = 6
+_WORTH_A_WORD = 1e-3
+"""Probability below which a rival of what is named has no place on the first page."""
 _WANTED = 2
 """Causes that are to be flown for next."""
 _SIGMAS = 1.959964
@@ -83,9 +85,7 @@ def findings(summary: Mapping) -> tuple[Finding, ...]:
     if summary.get("perhaps"):
         found.append(Finding("Perhaps", _perhaps(summary)))
     if summary.get("followed", True):
-        others = [item for item in summary["ranking"][1:4]]
-        words = "; ".join(f"{item['label']} {probability(item['probability'])}" for item in others)
-        found.append(Finding("Else", f"{words}."))
+        found.append(Finding("Rivals", _rivals(summary["ranking"])))
     elif summary["stands_out"]:
         words = ", ".join(f"{one['label']} {_off(one)[0]}" for one in summary["stands_out"])
         found.append(
@@ -142,6 +142,19 @@ def _perhaps(summary: Mapping) -> str:
     )
     interval = " (sizes ± 95 %)" if any(sizes.values()) else ""
     return f"beside what is sure, by its probability: {words}{interval}."
+
+
+def _rivals(ranking: Sequence[Mapping]) -> str:
+    """What would explain the flight in place of the first of the ranking.
+
+    A cause that is perhaps at work beside the first is a rival where it stands without it only,
+    and far less probable there.
+    """
+    others = [item for item in ranking[1:4] if item["probability"] >= _WORTH_A_WORD]
+    if not others:
+        return f"no other explanation is above {100.0 * _WORTH_A_WORD:g} %."
+    words = (f"{item['label']} {probability(item['probability'])}" for item in others)
+    return f"{'; '.join(words)}."
 
 
 def _accuracy(share: float) -> str:

@@ -53,6 +53,20 @@ def test_a_gain_in_free_flight_that_is_not_sure_is_not_told() -> None:
     assert "freely" not in gain({})
 
 
+def test_rivals_are_told_that_are_not_all_but_impossible() -> None:
+    told = summary({})
+    near = [{**told["ranking"][0], "label": one, "probability": share}
+            for one, share in (("mass", 0.04), ("inertia", 0.0004))]  # fmt: skip
+    first = told["ranking"][0]
+
+    def said(*others: dict[str, Any]) -> str:
+        found = diagnose.findings({**told, "ranking": [first, *others]})
+        return next(item.text for item in found if item.topic == "Rivals")
+
+    assert said(*near) == "mass 4 %."
+    assert said(near[1]) == said() == "no other explanation is above 0.1 %."
+
+
 def test_the_gain_of_coefficients_has_an_interval() -> None:
     told = summary({})
     told["gain"]["holdout_error_gained_sd"] = 0.5
@@ -175,7 +189,7 @@ def test_what_stood_out_is_told_where_no_cause_has_a_measure() -> None:
     told = {**summary({}), **refused}
     topics = {item.topic: item.text for item in diagnose.findings(told)}
     assert topics["Look at"].startswith("the surface delay +33.7 ms: farther off than is ordinary")
-    assert "Else" not in topics
+    assert "Rivals" not in topics
     (section,) = diagnose._explanations(told)
     assert section.heading == "Where to look first"
     assert section.tables[0].rows == (("the surface delay", "+33.7 ms", "10 ms"),)
