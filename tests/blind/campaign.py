@@ -79,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flights = which(asked)
     if asked.dozen or asked.every:
         tables.one_by_one(results, flights)
+    tables.right(results, flights)
     if not asked.dozen or asked.bound:
         tables.summary(results, flights)
     missed = tables.missed(results) if asked.dozen else ()

@@ -101,7 +101,7 @@ def reliability(
 
 
 def one_by_one(results: Sequence[Result], flights: Flights = DOZEN) -> None:
-    """Print a line for each flight, and how many were right."""
+    """Print a line for each flight."""
     rows = [
         (
             result.draw.index,
@@ -125,27 +125,30 @@ def one_by_one(results: Sequence[Result], flights: Flights = DOZEN) -> None:
         (*columns, "size off [sd]", "s"),
         rows,
     )
+
+
+def right(results: Sequence[Result], flights: Flights = DOZEN) -> None:
+    """Print how many were answered right."""
     flown = [result for result in results if not result.departed]
-    hidden = [result for result in flown if result.draw.cause != "none"]
-    clean = [result for result in flown if result.draw.cause == "none"]
-    sizes = [one for result in hidden for one in result.score.sizes]
+    hidden = [result.score for result in flown if result.draw.cause != "none"]
+    clean = [result.score for result in flown if result.draw.cause == "none"]
+    sizes = [one for score in hidden for one in score.sizes]
+    rows = {
+        "something hidden, named alone": [score.alone for score in hidden],
+        "so, or in a group of three at most": [score.grouped for score in hidden],
+        "nothing hidden, nobody accused": [not score.false_alarm for score in clean],
+        "sizes that their 95 % intervals hold": [one.inside for one in sizes],
+    }
+    cores = ", ".join(sorted({str(one.cores) for one in flown}))
+    seconds = f"{np.median([result.seconds for result in flown]):.0f}" if flown else ""
     _show(
         flights,
         "blind_right",
         "Blind flights: how many of them were answered right",
         ("flights", "right"),
         [
-            ("something hidden, named alone", _of(result.score.alone for result in hidden)),
-            *(
-                [("nothing hidden, nobody accused", _of(result.score.alone for result in clean))]
-                if clean
-                else []
-            ),
-            ("sizes that their 95 % intervals hold", _of(one.inside for one in sizes)),
-            (
-                f"seconds, median, cores: {', '.join(sorted({str(one.cores) for one in flown}))}",
-                f"{np.median([result.seconds for result in flown]):.0f}",
-            ),
+            *((words, f"{sum(each)} of {len(each)}") for words, each in rows.items() if each),
+            (f"seconds, median, cores: {cores}", seconds),
         ],
     )
 
@@ -334,11 +337,6 @@ def _show(
     if rows:
         of_them = f" ({flights.words})" if flights.words else ""
         table.show(f"{name}{flights.suffix}", f"{title}{of_them}", columns, rows)
-
-
-def _of(each: Iterable[bool]) -> str:
-    listed = list(each)
-    return f"{sum(listed)} of {len(listed)}"
 
 
 def _share(results: Iterable[Result], of: Callable[[Score], bool]) -> str:

@@ -183,6 +183,16 @@ def test_the_tables_say_what_was_found(capsys):
         assert line in printed
     tables.one_by_one(results)
     assert "FALSE ALARM" in capsys.readouterr().out
+    tables.right([*results, lost])
+    printed = capsys.readouterr().out
+    for line in (
+        "something hidden, named alone         1 of 2",
+        "so, or in a group of three at most    1 of 2",
+        "nothing hidden, nobody accused        1 of 2",
+        "sizes that their 95 % intervals hold  1 of 1",
+        "seconds, median, cores: 2             10",
+    ):
+        assert line in printed
     assert tables.missed(results[:1]) == ()
     assert tables.missed(results[:2]) == ("draw 1: FALSE ALARM",)
     far = replace(results[2].score, sizes=(Sized("mass_ratio", 4.0, 1.0),) * 3)
