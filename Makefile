@@ -10,7 +10,7 @@ PROGRESS := awk '/^Collecting/ && ++n % 10 == 0 { print "  " n " packages"; fflu
 # Small systems are solved faster without threads: see gcs_sysid/cli/numerics.py.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-faults bench-filter bench-maneuvers bench-thesis blind campaign fuzz pairs results picture live-pictures docs lock clean
+.PHONY: setup demo flights test lint format bench bench-arduplane bench-causes bench-faults bench-filter bench-maneuvers bench-thesis blind campaign fuzz pairs results picture report-pictures live-pictures docs lock clean
 
 setup: $(VENV)/.installed
 
@@ -137,6 +137,13 @@ picture: setup
 	@$(BIN)/gcs-sysid identify data/flights/demo.tlog --aircraft data/aircraft/ultra_stick_25e.toml \
 		--out out/picture
 	@$(BIN)/python docs/picture.py out/picture data/flights/demo_truth.json
+
+# What `make demo` flew, diagnosed by the filter, and its first test card: minutes, and Chromium.
+report-pictures: demo
+	@$(BIN)/gcs-sysid diagnose $(DEMO)/flights/first.tlog --aircraft $(DEMO_AIRCRAFT) \
+		--holdout $(DEMO)/flights/second.tlog --out out/pictures/diagnose
+	@$(BIN)/python -m docs.report_pictures out/pictures/diagnose/report.html \
+		$(DEMO)/suggest/report.html
 
 # A flight in real time, its page on a screen and a phone: two minutes, and Chromium.
 live-pictures: setup

@@ -17,7 +17,13 @@ _AVERAGED = 0.2
 
 
 def residuals(
-    table: Samples, *, flight: int, spans: tuple[Span, ...], changed: bool, bins: int
+    table: Samples,
+    *,
+    flight: int,
+    spans: tuple[Span, ...],
+    changed: bool,
+    bins: int,
+    source: str = "",
 ) -> Figure:
     """Measured less predicted over one flight, before and after the cause is put right.
 
@@ -29,6 +35,7 @@ def residuals(
         spans: its maneuvers.
         changed: whether a cause was named, so that there is an after.
         bins: bins that each curve is reduced to.
+        source: which flight it is, where there are several.
     """
     rows = np.flatnonzero(np.asarray(table["flight"]) == flight)
     time = column(table, "t")[rows]
@@ -37,7 +44,7 @@ def residuals(
     ]
     return Figure(
         name=f"residuals-{flight}",
-        title="Measured less predicted",
+        title="Measured less predicted" + (f": {source}" if source else ""),
         caption="What the simulation leaves of each coefficient, running means over "
         f"{_AVERAGED:.1f} s"
         + (

@@ -33,15 +33,17 @@ def render(summary: Mapping, table: Mapping[str, np.ndarray]) -> str:
         table: `residuals.parquet`, one array a column.
     """
     changed = summary["verdict"] in ("effect", "ambiguous")
+    flights = summary["flights"]
     figures = tuple(
         diagnosis.residuals(
             table,
             flight=index,
             spans=_spans(summary, index),
             changed=changed,
-            bins=_BINS // max(len(summary["flights"]), 1),
+            bins=_BINS // max(len(flights), 1),
+            source=str(flight["source"]) if len(flights) > 1 else "",
         )
-        for index in range(len(summary["flights"]))
+        for index, flight in enumerate(flights)
     )
     return sheet.render(
         Sheet(

@@ -57,6 +57,16 @@ def test_residuals_are_shown_before_and_after_where_a_cause_was_named() -> None:
     assert [series.name for series in silent.panels[0].series] == ["before"]
 
 
+def test_of_several_flights_each_is_called_by_its_name() -> None:
+    asked = {"flight": 0, "spans": (), "changed": False, "bins": 300}
+    one = diagnosis.residuals(residual_table(), **asked)
+    many = diagnosis.residuals(residual_table(), **asked, source="second.tlog")
+    assert (one.title, many.title) == (
+        "Measured less predicted",
+        "Measured less predicted: second.tlog",
+    )
+
+
 def test_a_probability_is_a_bar_with_the_name_of_its_explanation() -> None:
     ranking = [{"probability": 0.7}, {"probability": 0.2}]
     figure = diagnosis.probabilities(ranking, ["mass", "nothing"])
