@@ -35,7 +35,8 @@ LEAD = CHUNK
 INTEGRATING = np.arange(LANES) % 2.0
 """Every second aircraft's autopilot also integrates the error of the pitch rate, as most do. What
 has wound up against one pulse carries the next further: an elevator's 3-2-1-1 to 4.1 g instead of
-2.6. Which kind flies nobody says, so that both must be safe."""
+2.6. Which kind flies nobody says, so that both must be safe, unless flights told what the elevator
+answered to (`flown_hold`)."""
 TRIM_STEPS = 12
 """Gauss–Newton steps from the trim of the mean to that of a drawn aircraft."""
 

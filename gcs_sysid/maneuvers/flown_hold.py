@@ -103,16 +103,21 @@ class FlownHold:
     def on(self, linear: Linear, trim: Trim, controls: Sequence[str]) -> Linear:
         """Small motions with this hold, where it is known, in place of the one that is assumed.
 
+        An autopilot that integrates the error of the pitch rate is known with it: over seconds that
+        integral is the pitch angle, to which the elevator then answered so much more.
+
         Args:
             linear: with the hold that is assumed.
             trim: about which it is linear.
             controls: of the aircraft, in file order.
         """
-        gain = linear.gain.copy()
+        gain, unwinding = linear.gain.copy(), linear.unwinding
         pressure = 0.5 * trim.density * trim.airspeed**2
         for name, one in self.flies(linear, controls).items():
             gain[controls.index(name), 3:] = self.pressure / pressure * one.gain
-        return replace(linear, gain=gain)
+            if one.axis == "pitch":
+                unwinding = np.zeros_like(unwinding)
+        return replace(linear, gain=gain, unwinding=unwinding)
 
     def flies(self, linear: Linear, controls: Sequence[str]) -> dict[str, Answer]:
         """Controls whose hold is known, and pushes back what it holds as the assumed one does."""

@@ -108,3 +108,37 @@ def test_a_flight_full_of_test_inputs_tells_no_hold() -> None:
     linear = holding.linearised(made, level)
     assert found(one).answers["aileron"].told
     assert not found(one).flies(linear, made.control_names)
+
+
+def test_an_integral_of_the_pitch_rate_is_part_of_what_the_elevator_answered_to() -> None:
+    """It is found with the pitch angle's gain, and must not act once more beside that."""
+    rate, attitude, integral, slow = 0.05, 0.1, 0.5, 0.6
+    generator = np.random.default_rng(0)
+    one = flown()
+    surface = q = theta = wound = 0.0
+    asked, rows = [0.0, 0.0], []
+    for _ in one.time:
+        rows.append((q, theta, surface))
+        wound += 0.02 * (q + slow * theta)
+        asked.append(-(rate * q + attitude * theta + integral * wound))
+        surface += (1.0 - np.exp(-0.02 / 0.04)) * (asked[-2] - surface)
+        push = 3.0 * generator.standard_normal()
+        q, theta = q + 0.02 * (-3.0 * q + 40.0 * surface + push), theta + 0.02 * q
+    told = np.array(rows)
+    turned = np.zeros((one.time.size, 6))
+    turned[:, [1, 4]] = told[:, :2]
+    flight = one._replace(turned=turned, controls={**one.controls, "elevator": told[:, 2]})
+    answer = found(flight).answers["elevator"]
+    assert answer.told
+    assert answer.gain[4] == pytest.approx(attitude + integral, rel=0.15)
+
+    made = aircraft()
+    level = trim.find(made, 20.0, 100.0, float(atmosphere.density(np.array(100.0))))
+    linear = holding.linearised(made, level)
+    assert np.any(linear.unwinding != 0.0)
+    sign = np.sign(linear.gain[made.control_names.index("elevator"), 7])
+    hold = FlownHold(PRESSURE, {"elevator": answer._replace(gain=sign * answer.gain)})
+    np.testing.assert_array_equal(hold.on(linear, level, made.control_names).unwinding, 0.0)
+    rolls = FlownHold(PRESSURE, {"aileron": found(one).answers["aileron"]})
+    kept = rolls.on(linear, level, made.control_names)
+    np.testing.assert_array_equal(kept.unwinding, linear.unwinding)
