@@ -38,8 +38,6 @@ from tests.benchmarks.arduplane import EAS2TAS, FOLDER  # noqa: E402 - found fro
 
 FROM, TO = 135.0, 366.0
 """What is kept of flight A [s since the autopilot's start]."""
-KEPT = table.KEPT / "arduplane_faults.json"
-"""What was measured before."""
 OWN = ("pitot_lag", "airspeed_scale", "mass", "inertia", "surface_offset")
 """What the simulation departs in from its file without any fault (`arduplane.py`)."""
 Message = Any
@@ -304,16 +302,11 @@ def main() -> None:
     parser.add_argument("--save", action="store_true")
     asked = parser.parse_args()
     rows = [row(name, diagnosed(name, asked.out / name)) for name in asked.faults]
-    if asked.save and KEPT.exists():
-        told = {one[0] for one in rows}
-        kept = json.loads(KEPT.read_text(encoding="utf-8"))["rows"]
-        rows += [tuple(one) for one in kept if one[0] not in told]
-        rows.sort(key=lambda one: list(FAULTS).index(one[0].split()[0]))
     table.show(
         "arduplane_faults",
         "Four minutes of ArduPlane's own simulation with one fault more: what is named",
         ("fault", "named", "found, one sd (true)", "perhaps", "the fault", "not there"),
-        rows,
+        table.beside("arduplane_faults", rows, list(FAULTS)),
     )
 
 

@@ -17,7 +17,8 @@ for all, many short ones would fly three times as long as a few long ones. How l
 each arm are is in the table.
 
 `--rounds 3` flies whole sorties instead, one suggested after the other was identified, until
-`suggest --confidence 0.1` has nothing to ask for, and tells how far that was true each time.
+`suggest --confidence 0.1` has nothing to ask for, and tells how far that was true each time; with
+`--save` rows of aircraft that are not asked for stay.
 """
 
 from __future__ import annotations
@@ -260,7 +261,7 @@ def _show_rounds(chosen: argparse.Namespace) -> None:
             "reachable and sure (but for what no flight changes)",
             "minutes of next",
         ),
-        rows,
+        table.beside("suggested_rounds", rows, ALL),
     )
 
 

@@ -23,6 +23,25 @@ def kept() -> bool:
     return "--save" in sys.argv
 
 
+def beside(
+    name: str, rows: Sequence[Sequence[object]], order: Sequence[str]
+) -> list[Sequence[object]]:
+    """Rows, with those that a table kept before of what was not measured now.
+
+    Args:
+        name: of the table, see `show`.
+        rows: measured now.
+        order: in which rows are to be, by the first word of their first column.
+    """
+    path = KEPT / f"{name}.json"
+    if not kept() or not path.exists():
+        return list(rows)
+    now = {row[0] for row in rows}
+    before = json.loads(path.read_text(encoding="utf-8"))["rows"]
+    every = [*rows, *(row for row in before if row[0] not in now)]
+    return sorted(every, key=lambda row: list(order).index(str(row[0]).split()[0]))
+
+
 def show(
     name: str,
     title: str,
