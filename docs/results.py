@@ -250,6 +250,16 @@ LINES = (
         tuple(Cell("blind_right_every", row, "right") for row in ("something", "sizes")),
     ),
     Line(
+        "effects drawn by lot, half to full size, one or two, listed or not, file exact or 5 % "
+        "wrong: named alone / flights with nothing hidden where nobody is accused / sizes that "
+        "95 % intervals hold",
+        "80–97 / 98 / 95 %",
+        tuple(
+            Cell("blind_right_draws_650_to_665", row, "right")
+            for row in ("something", "nothing hidden", "sizes")
+        ),
+    ),
+    Line(
         "one such diagnosis, 4 min of flight, on 2 cores: something hidden / nothing / something "
         "that no catalogue has",
         "180 s",

@@ -138,7 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table.show(
         "blind_pairs" if asked.file == USUAL else f"blind_pairs_{asked.file}",
         "Hard pairs of causes: what was said of a short flight, and, where that was not the one "
-        "hidden and nothing else, with the sortie that `suggest --separate` planned",
+        "hidden and nothing else, with the sortie that `suggest --separate` planned"
+        + ("" if asked.file == USUAL else f" (file {asked.file})"),
         (
             *("aircraft", "hidden", "rival", "said of the first flight", "asked to separate"),
             *("said of both flights", "right and alone"),
