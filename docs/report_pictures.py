@@ -32,10 +32,10 @@ def take(report: Path, part: str, kept: Path, profile: Path) -> None:
     with closing(Browser(report.resolve().as_uri(), profile, width=WIDTH)) as browser:
         browser.until(f"document.readyState === 'complete' && !!document.querySelector('{part}')")
         place = f"document.querySelector('{part}').getBoundingClientRect()"
-        left, top, width, height = (
-            browser.evaluate(f"{place}.{name}") for name in ("left", "top", "width", "height")
-        )
-        clip = {"x": left, "y": top, "width": width, "height": height, "scale": SHARP}
+        # A picture has no scroll bar, and lines are longer without.
+        browser.call("Emulation.setScrollbarsHidden", hidden=True)
+        top, height = (browser.evaluate(f"{place}.{name}") for name in ("top", "height"))
+        clip = {"x": 0, "y": top, "width": WIDTH, "height": height, "scale": SHARP}
         shot = browser.call(
             "Page.captureScreenshot", format="png", clip=clip, captureBeyondViewport=True
         )
